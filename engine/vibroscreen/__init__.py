@@ -1,0 +1,32 @@
+"""Vibrating screen: the cell model of Ivanov and Vaisberg, fast and checked (engine/MODEL.md)."""
+
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.kernels.registry import register
+from vibroscreen.motion import Harmonic, Motion, conveying_regime, transport_velocity
+from vibroscreen.probability import gaudin_probability, packing_gap, pelevin_probability
+from vibroscreen.screen import Screen, StepResult
+from vibroscreen.steady import Profile, SteadyResult
+from vibroscreen.stream import Feed, Stream
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ConfigError",
+    "Feed",
+    "Harmonic",
+    "InputError",
+    "Motion",
+    "Profile",
+    "Screen",
+    "ScreenConfig",
+    "SteadyResult",
+    "StepResult",
+    "Stream",
+    "conveying_regime",
+    "gaudin_probability",
+    "packing_gap",
+    "pelevin_probability",
+    "register",
+    "transport_velocity",
+]

@@ -1,0 +1,135 @@
+"""One decorator for every kernel, views of a flat buffer, and the call of a user's own sub-model.
+
+With NUMBA_DISABLE_JIT=1 everything here falls back to plain Python of the same meaning.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from llvmlite import ir
+from numba import carray, cfunc, config, njit, types
+from numba.extending import intrinsic
+
+
+def _source_stamp() -> str:
+    """Hash of the sources of all kernels."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+SOURCE_STAMP = _source_stamp()
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a kernel once; its cache is good as long as no kernel changes.
+
+    numba compares only the file of the kernel itself and would run what was compiled against an
+    older version of a kernel that it calls; it also compiles anew for every constant argument.
+    """
+    # error_model="numpy": a division by zero gives inf, not an exception path in every loop.
+    # No fastmath: it deletes NaN guards and reorders sums.
+    dispatcher = njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
+    if config.DISABLE_JIT:
+        return dispatcher
+    dispatcher._cache._cache_file._source_stamp = SOURCE_STAMP
+    resolve = dispatcher.get_call_template
+
+    def resolve_plain(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
+        return resolve(tuple(types.unliteral(kind) for kind in arguments), keywords)
+
+    dispatcher.get_call_template = resolve_plain
+    return dispatcher
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a kernel into its callers, for steps of a sequence that have one caller.
+
+    Every level of compiled calls is optimised again with all that lies below it: fewer levels
+    make compiling several times faster.
+    """
+    return njit(inline="always", error_model="numpy")(function)
+
+
+VECTOR = types.Array(types.float64, 1, "C")
+MATRIX = types.Array(types.float64, 2, "C")
+
+PASSAGE_SIGNATURE = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
+SEGREGATION_SIGNATURE = types.void(VECTOR, MATRIX, types.intp, VECTOR, VECTOR, MATRIX)
+DISPLACEMENT_SIGNATURE = types.void(MATRIX, VECTOR, VECTOR, VECTOR)
+
+_registered: dict[int, tuple[Callable[..., None], Any]] = {}
+
+
+def address_of(function: Callable[..., None], signature: Any) -> int:
+    """Address of a sub-model compiled for `signature`; kept alive for the life of the process."""
+    plain = getattr(function, "py_func", function)
+    if config.DISABLE_JIT:
+        _registered[id(plain)] = (plain, plain)
+        return id(plain)
+    compiled = cfunc(signature, error_model="numpy")(plain)
+    _registered[compiled.address] = (plain, compiled)
+    return int(compiled.address)
+
+
+if config.DISABLE_JIT:
+
+    def view1(buffer, offset, size):
+        return buffer[offset : offset + size]
+
+    def view2(buffer, offset, rows, columns):
+        return buffer[offset : offset + rows * columns].reshape(rows, columns)
+
+    def call_passage(address, *arguments):
+        _registered[int(address)][0](*arguments)
+
+    call_segregation = call_displacement = call_passage
+
+else:
+
+    @intrinsic
+    def _pointer(_context, buffer, offset):
+        def generate(context, builder, signature, arguments):
+            array = context.make_array(signature.args[0])(context, builder, arguments[0])
+            return builder.gep(array.data, [arguments[1]])
+
+        return types.CPointer(types.float64)(buffer, types.intp), generate
+
+    @kernel
+    def view1(buffer, offset, size):
+        """View of `size` numbers of the flat buffer from `offset` on; no copy, no allocation."""
+        return carray(_pointer(buffer, offset), (size,))
+
+    @kernel
+    def view2(buffer, offset, rows, columns):
+        """Matrix view of the flat buffer."""
+        return carray(_pointer(buffer, offset), (rows, columns))
+
+    def _caller(signature: Any) -> Any:
+        """Intrinsic that calls the function at an address with the arguments of `signature`."""
+
+        @intrinsic
+        def call(_context, address, *arguments):
+            def generate(context, builder, full, values):
+                kinds = [context.get_value_type(kind) for kind in signature.args]
+                returned = context.get_value_type(signature.return_type)
+                function = builder.inttoptr(
+                    values[0], ir.FunctionType(returned, kinds).as_pointer()
+                )
+                packed = builder.extract_value
+                builder.call(function, [packed(values[1], k) for k in range(len(kinds))])
+                return context.get_dummy_value()
+
+            whole = types.void(types.intp, types.Tuple(signature.args))
+            return whole, generate
+
+        return call
+
+    call_passage = _caller(PASSAGE_SIGNATURE)
+    call_segregation = _caller(SEGREGATION_SIGNATURE)
+    call_displacement = _caller(DISPLACEMENT_SIGNATURE)

@@ -1,0 +1,530 @@
+"""Where everything lies in the one flat float64 buffer of a screen; nobody else knows offsets.
+
+    [ header | parameters | inputs | outputs | constants | state | work ]
+
+`Layout` computes the offsets in Python and hands out numpy views by name. Kernels read the same
+offsets from the header and see the same fields as views. What lies from `inputs` up to `work` is
+the whole state of an instance: copying it copies the screen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import prod
+
+import numpy as np
+
+from vibroscreen.kernels.jit import kernel, view1, view2
+
+# --- scalars of a vector field, in order -------------------------------------------------------
+PARAMETER = (
+    "bulk_density",
+    "friction_deck",
+    "friction_internal",
+    "passage_law",
+    "passage_velocity",
+    "segregation_model",
+    "segregation_velocity",
+    "segregation_dilation",
+    "segregation_proportion",
+    "displacement_model",
+    "contact_depth",
+    "layer_depth",
+    "initial",
+    "vibrating_mass",
+    "bearing_friction",
+    "bearing_diameter",
+    "drive_efficiency",
+    "tolerance",
+    "subdivision",
+)
+(
+    BULK_DENSITY,
+    FRICTION_DECK,
+    FRICTION_INTERNAL,
+    PASSAGE_LAW,
+    PASSAGE_VELOCITY,
+    SEGREGATION_MODEL,
+    SEGREGATION_VELOCITY,
+    SEGREGATION_DILATION,
+    SEGREGATION_PROPORTION,
+    DISPLACEMENT_MODEL,
+    CONTACT_DEPTH,
+    LAYER_DEPTH,
+    INITIAL,
+    VIBRATING_MASS,
+    BEARING_FRICTION,
+    BEARING_DIAMETER,
+    DRIVE_EFFICIENCY,
+    TOLERANCE,
+    SUBDIVISION,
+) = range(len(PARAMETER))
+
+PANEL = ("length", "inclination", "aperture", "open_area", "velocity_factor")
+LENGTH, INCLINATION, APERTURE, OPEN_AREA, VELOCITY_FACTOR = range(len(PANEL))
+
+INPUT = (
+    "feed_rate",
+    "frequency",
+    "amplitude",
+    "throw_angle",
+    "ellipticity",
+    "displacement_velocity",
+)
+FEED_RATE, FREQUENCY, AMPLITUDE, THROW_ANGLE, ELLIPTICITY, DISPLACEMENT_VELOCITY = range(len(INPUT))
+
+OUTPUT = (
+    "undersize_rate",
+    "oversize_rate",
+    "feed_mass",
+    "undersize_mass",
+    "oversize_mass",
+    "hold_up",
+    "depth_feed",
+    "depth_discharge",
+    "transport_velocity",
+    "throw_number",
+    "undersize_recovery",
+    "cut_size",
+    "ecart_probable",
+    "drive_power",
+    "balance_error",
+    "alarm_bed_depth",
+    "alarm_capacity",
+    "alarm_transport",
+    "alarm_performance",
+)
+(
+    UNDERSIZE_RATE,
+    OVERSIZE_RATE,
+    FEED_MASS,
+    UNDERSIZE_MASS,
+    OVERSIZE_MASS,
+    HOLD_UP,
+    DEPTH_FEED,
+    DEPTH_DISCHARGE,
+    BED_VELOCITY,
+    THROW_NUMBER_OUT,
+    UNDERSIZE_RECOVERY,
+    CUT_SIZE,
+    ECART_PROBABLE,
+    DRIVE_POWER,
+    BALANCE_ERROR,
+    ALARM_BED_DEPTH,
+    ALARM_CAPACITY,
+    ALARM_TRANSPORT,
+    ALARM_PERFORMANCE,
+) = range(len(OUTPUT))
+
+# What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
+# the rest is the state of the column at hand.
+SCENE = (
+    "density",
+    "contact_load",
+    "layer_load",
+    "passage_velocity",
+    "segregation_velocity",
+    "dilation",
+    "proportion",
+    "aperture",
+    "open_area",
+    "frequency",
+    "amplitude",
+    "throw_angle",
+    "ellipticity",
+    "inclination",
+    "throw_number",
+    "transport_velocity",
+    "dissipation",
+    "transport_status",
+    "horizon",
+    "layer_full",
+    "bed_load",
+    "cover",
+)
+(
+    S_DENSITY,
+    S_CONTACT_LOAD,
+    S_LAYER_LOAD,
+    S_PASSAGE_VELOCITY,
+    S_SEGREGATION_VELOCITY,
+    S_DILATION,
+    S_PROPORTION,
+    S_APERTURE,
+    S_OPEN_AREA,
+    S_FREQUENCY,
+    S_AMPLITUDE,
+    S_THROW_ANGLE,
+    S_ELLIPTICITY,
+    S_INCLINATION,
+    S_THROW_NUMBER,
+    S_TRANSPORT_VELOCITY,
+    S_DISSIPATION,
+    S_TRANSPORT_STATUS,
+    S_HORIZON,
+    S_LAYER_FULL,
+    S_BED_LOAD,
+    S_COVER,
+) = range(len(SCENE))
+FIXED_SCENE = S_LAYER_FULL
+
+# Book-keeping of one deck.
+DECK = (
+    "packages",
+    "cells",
+    "cohort_front",
+    "cohort_fed",
+    "covered",
+    "pile_open",
+    "pile_rear",
+    "lead_layers",
+    "partial_layers",
+    "step",
+    "order",
+    "rows",
+    "capacity_alarm",
+)
+(
+    D_PACKAGES,
+    D_CELLS,
+    D_COHORT_FRONT,
+    D_COHORT_FED,
+    D_COVERED,
+    D_PILE_OPEN,
+    D_PILE_REAR,
+    D_LEAD_LAYERS,
+    D_PARTIAL_LAYERS,
+    D_STEP,
+    D_ORDER,
+    D_ROWS,
+    D_CAPACITY_ALARM,
+) = range(len(DECK))
+
+# What an instance remembers besides.
+MEMORY = ("settled",)
+(M_SETTLED,) = range(len(MEMORY))
+
+# What was done and what was skipped.
+COUNTER = (
+    "steps",
+    "steady_steps",
+    "displacement_solutions",
+    "packages_integrated",
+    "packages_skipped",
+    "column_steps",
+    "column_steps_rejected",
+    "column_steps_forced",
+    "sub_steps",
+    "merges",
+)
+(
+    C_STEPS,
+    C_STEADY_STEPS,
+    C_DISPLACEMENT,
+    C_PACKAGES,
+    C_PACKAGES_SKIPPED,
+    C_COLUMN_STEPS,
+    C_COLUMN_REJECTED,
+    C_COLUMN_FORCED,
+    C_SUB_STEPS,
+    C_MERGES,
+) = range(len(COUNTER))
+
+# Cumulative masses by class, each as (sum, compensation); row pairs of `ledger`.
+FED, UNDER, OVER = 0, 2, 4
+LEDGER_ROWS = 6
+
+# Why a step is refused.
+ACCEPTED = 0
+NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP = 1, 2, 3, 4, 5
+R_CODE, R_INDEX, R_VALUE, R_LIMIT = range(4)
+
+MAX_ORDER = 8
+MAX_HARMONICS = 4
+DISPLACEMENT_RESULT = 7
+REFUSAL = 4
+
+# --- fields: name and shape in terms of the dimensions ------------------------------------------
+SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
+    "parameters": {
+        "parameter": (len(PARAMETER),),
+        "lower": ("classes",),
+        "upper": ("classes",),
+        "width": ("decks",),
+        "panel": ("decks", "panels", len(PANEL)),
+    },
+    "inputs": {"input": (len(INPUT),), "fraction": ("classes",)},
+    "outputs": {
+        "output": (len(OUTPUT),),
+        "undersize_fraction": ("classes",),
+        "oversize_fraction": ("classes",),
+    },
+    "constants": {
+        "harmonic": (MAX_HARMONICS, 5),
+        "edge": ("edges",),
+        "size": ("nodes",),
+        "node_class": ("nodes",),
+        "node_position": ("nodes",),
+        "node_weight": ("nodes",),
+    },
+    "state": {
+        "counter": (len(COUNTER),),
+        "ledger": (LEDGER_ROWS, "classes"),
+        "initial_mass": ("classes",),
+        "held": ("classes",),
+        "steady_rate": (3, "classes"),
+        "memory": (len(MEMORY),),
+        "last_seen": ("seen",),
+        "feed_fraction": ("nodes",),
+        "scene": ("decks", "panels", len(SCENE)),
+        "deck": ("decks", len(DECK)),
+        "queue": ("decks", "packages"),
+        "cell": ("decks", "packages"),
+        "free": ("decks", "packages"),
+        "length": ("decks", "packages"),
+        "layers_used": ("decks", "packages"),
+        "pace": ("decks", "packages", 2),
+        "load": ("decks", "packages", "layers", "nodes"),
+        "reference": ("decks", "packages", "nodes"),
+        "lead": ("decks", "layers", "nodes"),
+        "lead_feed": ("decks", "nodes"),
+        "lead_passed": ("decks", "nodes"),
+        "partial": ("decks", "layers", "nodes"),
+    },
+    "work": {
+        "refusal": (REFUSAL,),
+        "seen_now": ("seen",),
+        "slope": ("edges",),
+        "scene_now": ("decks", "panels", len(SCENE)),
+        "motion_harmonic": (1 + MAX_HARMONICS, 5),
+        "displacement_result": (DISPLACEMENT_RESULT,),
+        "drive_setting": (4,),
+        "displacement_work": ("displacement_work",),
+        "step_mass": (2, "nodes"),
+        "class_mass": (3, "classes"),
+        "column": ("layers", "nodes"),
+        "column_flux": (2, "nodes"),
+        "column_time": ("layers", "nodes"),
+        "source": ("nodes",),
+        # one row an order of extrapolation: passed, its time integral, loads, their time integrals
+        "trial": (MAX_ORDER, "trial"),
+        "scratch": ("layers", "nodes"),
+        "percolation": ("layers", "nodes"),
+        "node_work": (4, "nodes"),
+        "upward": ("layers",),
+    },
+}
+DIMENSION = (
+    "classes",
+    "nodes",
+    "decks",
+    "panels",
+    "layers",
+    "packages",
+    "cells",
+    "layered",
+    "displacement_work",
+    "displacement_address",
+    "passage_address",
+    "segregation_address",
+)
+(
+    N_CLASSES,
+    N_NODES,
+    N_DECKS,
+    N_PANELS,
+    N_LAYERS,
+    N_PACKAGES,
+    N_CELLS,
+    LAYERED,
+    N_DISPLACEMENT_WORK,
+    DISPLACEMENT_ADDRESS,
+    PASSAGE_ADDRESS,
+    SEGREGATION_ADDRESS,
+) = range(len(DIMENSION))
+FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
+HEADER_SIZE = len(DIMENSION) + len(FIELD)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets and shapes of all fields for given dimensions.
+
+    `dimension` maps every name of DIMENSION to a whole number.
+    """
+
+    dimension: dict[str, int]
+    offset: dict[str, int] = field(init=False)
+    shape: dict[str, tuple[int, ...]] = field(init=False)
+    section: dict[str, slice] = field(init=False)
+    size: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        known = dict(self.dimension)
+        known["edges"] = known["classes"] + 1
+        known["seen"] = (
+            len(PARAMETER)
+            + len(INPUT)
+            + known["classes"]
+            + known["decks"] * known["panels"] * len(PANEL)
+        )
+        known["trial"] = (2 * known["layers"] + 2) * known["nodes"]
+        offset: dict[str, int] = {}
+        shape: dict[str, tuple[int, ...]] = {}
+        section: dict[str, slice] = {}
+        position = HEADER_SIZE
+        for title, fields in SECTIONS.items():
+            start = position
+            for name, symbols in fields.items():
+                shape[name] = tuple(known[s] if isinstance(s, str) else s for s in symbols)
+                offset[name] = position
+                position += prod(shape[name])
+            section[title] = slice(start, position)
+        for name, value in (
+            ("offset", offset),
+            ("shape", shape),
+            ("section", section),
+            ("size", position),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def persistent(self) -> slice:
+        """All that an instance must remember: parameters to state."""
+        return slice(self.section["parameters"].start, self.section["state"].stop)
+
+    def buffer(self) -> np.ndarray:
+        """A zeroed buffer with its header written."""
+        buffer = np.zeros(self.size)
+        buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
+        buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
+        return buffer
+
+    def view(self, buffer: np.ndarray, name: str) -> np.ndarray:
+        """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
+        start = self.offset[name]
+        return buffer[start : start + prod(self.shape[name])].reshape(self.shape[name])
+
+
+# Places in the header that hold the offsets of the fields.
+(
+    AT_PARAMETER,
+    AT_LOWER,
+    AT_UPPER,
+    AT_WIDTH,
+    AT_PANEL,
+    AT_INPUT,
+    AT_FRACTION,
+    AT_OUTPUT,
+    AT_UNDERSIZE_FRACTION,
+    AT_OVERSIZE_FRACTION,
+    AT_HARMONIC,
+    AT_EDGE,
+    AT_SIZE,
+    AT_NODE_CLASS,
+    AT_NODE_POSITION,
+    AT_NODE_WEIGHT,
+    AT_COUNTER,
+    AT_LEDGER,
+    AT_INITIAL_MASS,
+    AT_HELD,
+    AT_STEADY_RATE,
+    AT_MEMORY,
+    AT_LAST_SEEN,
+    AT_FEED_FRACTION,
+    AT_SCENE,
+    AT_DECK,
+    AT_QUEUE,
+    AT_CELL,
+    AT_FREE,
+    AT_LENGTH,
+    AT_LAYERS_USED,
+    AT_PACE,
+    AT_LOAD,
+    AT_REFERENCE,
+    AT_LEAD,
+    AT_LEAD_FEED,
+    AT_LEAD_PASSED,
+    AT_PARTIAL,
+    AT_REFUSAL,
+    AT_SEEN_NOW,
+    AT_SLOPE,
+    AT_SCENE_NOW,
+    AT_MOTION_HARMONIC,
+    AT_DISPLACEMENT_RESULT,
+    AT_DRIVE_SETTING,
+    AT_DISPLACEMENT_WORK,
+    AT_STEP_MASS,
+    AT_CLASS_MASS,
+    AT_COLUMN,
+    AT_COLUMN_FLUX,
+    AT_COLUMN_TIME,
+    AT_SOURCE,
+    AT_TRIAL,
+    AT_SCRATCH,
+    AT_PERCOLATION,
+    AT_NODE_WORK,
+    AT_UPWARD,
+) = range(len(DIMENSION), HEADER_SIZE)
+
+
+@kernel
+def vector(buffer, at, size, row):
+    """Row `row` of a field of rows of `size` numbers."""
+    return view1(buffer, int(buffer[at]) + row * size, size)
+
+
+@kernel
+def node_vector(buffer, at, row):
+    """Row `row` of a field of node vectors."""
+    return vector(buffer, at, int(buffer[N_NODES]), row)
+
+
+@kernel
+def class_vector(buffer, at, row):
+    """Row `row` of a field of class vectors."""
+    return vector(buffer, at, int(buffer[N_CLASSES]), row)
+
+
+@kernel
+def package_vector(buffer, at, deck):
+    """What a field holds for every package slot of a deck."""
+    return vector(buffer, at, int(buffer[N_PACKAGES]), deck)
+
+
+@kernel
+def deck_vector(buffer, deck):
+    """Book-keeping of a deck, indices D_*."""
+    return vector(buffer, AT_DECK, len(DECK), deck)
+
+
+@kernel
+def scene_vector(buffer, at, deck, panel):
+    """Scene of a panel, indices S_*."""
+    return vector(buffer, at, len(SCENE), deck * int(buffer[N_PANELS]) + panel)
+
+
+@kernel
+def panel_vector(buffer, deck, panel):
+    """Parameters of a panel, indices LENGTH to VELOCITY_FACTOR."""
+    return vector(buffer, AT_PANEL, len(PANEL), deck * int(buffer[N_PANELS]) + panel)
+
+
+@kernel
+def scalars(buffer, at, size):
+    """A field of `size` numbers."""
+    return view1(buffer, int(buffer[at]), size)
+
+
+@kernel
+def column(buffer, at, index):
+    """Column `index` of a field of columns: areal mass [layer, node]."""
+    layers = int(buffer[N_LAYERS])
+    nodes = int(buffer[N_NODES])
+    return view2(buffer, int(buffer[at]) + index * layers * nodes, layers, nodes)
+
+
+@kernel
+def slot(buffer, deck, index):
+    """Number of a package slot over all decks."""
+    return deck * int(buffer[N_PACKAGES]) + int(index)

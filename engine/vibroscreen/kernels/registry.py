@@ -1,0 +1,72 @@
+"""Names of the sub-models: built in, and a user's own.
+
+A built-in model is called directly, by its number. A user's own is one function of the documented
+signature (engine/MODEL.md, "Your own sub-model"); kernels call it through its address.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vibroscreen.kernels import jit
+
+# The number of a model is its place here, from 1 (an FMI enumeration).
+BUILT_IN = {
+    "displacement": ("prescribed", "rigid_body"),
+    "passage": ("gaudin", "pelevin"),
+    "segregation": ("well_mixed", "proportional", "exchange", "classified"),
+}
+_SIGNATURE = {
+    "displacement": jit.DISPLACEMENT_SIGNATURE,
+    "passage": jit.PASSAGE_SIGNATURE,
+    "segregation": jit.SEGREGATION_SIGNATURE,
+}
+
+
+@dataclass(frozen=True)
+class SubModel:
+    """A registered sub-model: its number, whether it needs layers, and where its code lies."""
+
+    number: int
+    layered: bool = False
+    address: int = 0
+
+
+_models: dict[str, dict[str, SubModel]] = {
+    family: {
+        name: SubModel(number, layered=name == "exchange")
+        for number, name in enumerate(built_in, start=1)
+    }
+    for family, built_in in BUILT_IN.items()
+}
+
+
+def register(
+    family: str, name: str, function: Callable[..., None], *, layered: bool = False
+) -> None:
+    """Make a user's own sub-model known by name.
+
+    `family` is "displacement", "passage" or "segregation"; `function` is an njit function or the
+    plain function that it would compile. `layered` says that a segregation model works on layers;
+    without it the bed is one vector a package. Raises ValueError for an unknown family or a name
+    that a built-in model has.
+    """
+    if family not in BUILT_IN:
+        raise ValueError(f"family = {family!r} is unknown: give one of {', '.join(BUILT_IN)}")
+    if name in BUILT_IN[family]:
+        raise ValueError(f"name = {name!r} is a built-in {family} model: choose another name")
+    known = _models[family]
+    number = known[name].number if name in known else len(known) + 1
+    address = jit.address_of(function, _SIGNATURE[family])
+    known[name] = SubModel(number, layered, address)
+
+
+def names(family: str) -> tuple[str, ...]:
+    """Names of the known models of a family, in the order of their numbers."""
+    return tuple(_models[family])
+
+
+def model(family: str, name: str) -> SubModel:
+    """The sub-model of that name."""
+    return _models[family][name]

@@ -1,0 +1,130 @@
+"""Segregation: what lies on the screen, and how grains percolate (MODEL.md, "Segregation").
+
+Signature of a segregation model:
+
+    model(size[node], load[layer, node], layers, scene, contact[node], percolation[layer, node])
+
+reads areal masses in kg/m2 (row 0 lies on the screen; models without layers hold the whole bed in
+row 0) and writes
+  contact[i], m2/kg: the mass fraction in the contact layer is F_0i = contact_i load[0, i];
+  percolation[j, i], 1/s: layer j > 0 gives percolation[j, i] load[j, i] kg/(m2 s) to layer j - 1;
+      the same total mass returns with the composition of the layer below (done by package.py).
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from vibroscreen.kernels.jit import call_segregation, kernel
+from vibroscreen.kernels.layout import (
+    S_CONTACT_LOAD,
+    S_DENSITY,
+    S_DILATION,
+    S_LAYER_FULL,
+    S_PROPORTION,
+    S_SEGREGATION_VELOCITY,
+)
+
+WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
+
+_RADIUS_FACTOR = 2.0 * sqrt(3.0) / 3.0
+_HEXAGON_FACTOR = sqrt(3.0)
+_PI = 3.141592653589793
+
+
+@kernel
+def gap_radius(mean_radius, dilation):
+    """Radius of the gap between three grains on a triangle, m: (2/sqrt3 - 1) R + (2/sqrt3) dr."""
+    return (_RADIUS_FACTOR - 1.0) * mean_radius + _RADIUS_FACTOR * dilation
+
+
+@kernel
+def gap_open_area(mean_radius, dilation):
+    """Open area of the gaps: min(1, pi r^2 / (sqrt3 (R + dr)^2))."""
+    if mean_radius + dilation <= 0.0:
+        return 0.0
+    ratio = gap_radius(mean_radius, dilation) / (mean_radius + dilation)
+    return min(1.0, _PI / _HEXAGON_FACTOR * ratio * ratio)
+
+
+@kernel
+def layer_mass(load, row):
+    """Areal mass of one layer, kg/m2."""
+    mass = 0.0
+    for i in range(load.shape[1]):
+        mass += load[row, i]
+    return mass
+
+
+@kernel
+def well_mixed(size, load, layers, scene, contact, percolation):
+    """The contact layer has the mean composition of the bed (the classical first-order model)."""
+    mass = layer_mass(load, 0)
+    share = 1.0 / mass if mass > 0.0 else 0.0
+    for i in range(size.size):
+        contact[i] = share
+
+
+@kernel
+def classified(size, load, layers, scene, contact, percolation):
+    """The finest grains of the bed, as many as the contact layer holds, mixed."""
+    held = min(layer_mass(load, 0), scene[S_CONTACT_LOAD])
+    left = held
+    for i in range(size.size):
+        taken = min(load[0, i], left)
+        contact[i] = taken / (load[0, i] * held) if taken > 0.0 else 0.0
+        left -= taken
+        if load[0, i] == 0.0 and left > 0.0:
+            contact[i] = 1.0 / held
+
+
+@kernel
+def proportional(size, load, layers, scene, contact, percolation):
+    """Contact composition (1 - chi) mean + chi classified (the paper's original separation)."""
+    classified(size, load, layers, scene, contact, percolation)
+    mass = layer_mass(load, 0)
+    share = 1.0 / mass if mass > 0.0 else 0.0
+    chi = scene[S_PROPORTION]
+    for i in range(size.size):
+        contact[i] = (1.0 - chi) * share + chi * contact[i]
+
+
+@kernel
+def exchange(size, load, layers, scene, contact, percolation):
+    """Grains fall through the gaps of the layer below their own (the paper's improved separation).
+
+    Layer j gives rho_b w phi_j (1 - d_i/(2 r_j))^2 F_ji min(1, fill_j, fill_j-1) to the layer
+    below, r_j and phi_j from its own mean grain radius and the dilation.
+    """
+    well_mixed(size, load, layers, scene, contact, percolation)
+    fill_below = layer_mass(load, 0) / scene[S_CONTACT_LOAD]
+    for j in range(1, layers):
+        mass, moment = 0.0, 0.0
+        for i in range(size.size):
+            mass += load[j, i]
+            moment += load[j, i] * size[i]
+        fill = mass / scene[S_LAYER_FULL]
+        radius = 0.5 * moment / mass if mass > 0.0 else 0.0
+        opening = 2.0 * gap_radius(radius, scene[S_DILATION])
+        flux = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY] * min(1.0, fill, fill_below)
+        rate = flux * gap_open_area(radius, scene[S_DILATION]) / mass if mass > 0.0 else 0.0
+        inverse = 1.0 / opening if opening > 0.0 else 0.0
+        for i in range(size.size):
+            free = max(0.0, 1.0 - size[i] * inverse)
+            percolation[j, i] = rate * free * free if inverse > 0.0 else 0.0
+        fill_below = fill
+
+
+@kernel
+def segregate(model, address, size, load, layers, scene, contact, percolation):
+    """Contact weights and percolation rates of the chosen model; `address` is a user's own."""
+    if model == WELL_MIXED:
+        well_mixed(size, load, layers, scene, contact, percolation)
+    elif model == PROPORTIONAL:
+        proportional(size, load, layers, scene, contact, percolation)
+    elif model == EXCHANGE:
+        exchange(size, load, layers, scene, contact, percolation)
+    elif model == CLASSIFIED:
+        classified(size, load, layers, scene, contact, percolation)
+    else:
+        call_segregation(address, size, load, layers, scene, contact, percolation)

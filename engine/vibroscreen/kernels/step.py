@@ -1,0 +1,774 @@
+"""One communication step: check, displacement, feed, deck, ledger, outputs (MODEL.md, "A step").
+
+`advance` and `initialise` give a code of layout.py; anything but ACCEPTED means that nothing was
+changed and that the field `refusal` says what was wrong. Python enters by kernels/entry.py.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, pi, sin
+
+from vibroscreen.kernels.classes import merge_classes, split_classes
+from vibroscreen.kernels.deck import (
+    advance_deck,
+    clear_deck,
+    deck_length,
+    depth_at_discharge,
+    depth_at_feed,
+    held_by_node,
+    join_queue,
+    start_cohort,
+)
+from vibroscreen.kernels.displacement import compose_motion, prescribed, rigid_body
+from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2
+from vibroscreen.kernels.layout import (
+    ACCEPTED,
+    ALARM_BED_DEPTH,
+    ALARM_CAPACITY,
+    ALARM_PERFORMANCE,
+    ALARM_TRANSPORT,
+    AMPLITUDE,
+    APERTURE,
+    AT_CLASS_MASS,
+    AT_COUNTER,
+    AT_DISPLACEMENT_RESULT,
+    AT_DISPLACEMENT_WORK,
+    AT_DRIVE_SETTING,
+    AT_EDGE,
+    AT_FEED_FRACTION,
+    AT_FRACTION,
+    AT_HARMONIC,
+    AT_HELD,
+    AT_INITIAL_MASS,
+    AT_INPUT,
+    AT_LAST_SEEN,
+    AT_LEDGER,
+    AT_MEMORY,
+    AT_MOTION_HARMONIC,
+    AT_NODE_CLASS,
+    AT_NODE_POSITION,
+    AT_NODE_WEIGHT,
+    AT_NODE_WORK,
+    AT_OUTPUT,
+    AT_OVERSIZE_FRACTION,
+    AT_PANEL,
+    AT_PARAMETER,
+    AT_REFUSAL,
+    AT_SCENE,
+    AT_SCENE_NOW,
+    AT_SEEN_NOW,
+    AT_SIZE,
+    AT_SLOPE,
+    AT_STEADY_RATE,
+    AT_STEP_MASS,
+    AT_UNDERSIZE_FRACTION,
+    BAD_SUM,
+    BALANCE_ERROR,
+    BEARING_DIAMETER,
+    BEARING_FRICTION,
+    BED_VELOCITY,
+    BULK_DENSITY,
+    C_DISPLACEMENT,
+    C_STEADY_STEPS,
+    C_STEPS,
+    CONTACT_DEPTH,
+    COUNTER,
+    CUT_SIZE,
+    D_CAPACITY_ALARM,
+    D_COVERED,
+    DEPTH_DISCHARGE,
+    DEPTH_FEED,
+    DISPLACEMENT_ADDRESS,
+    DISPLACEMENT_MODEL,
+    DISPLACEMENT_RESULT,
+    DISPLACEMENT_VELOCITY,
+    DRIVE_EFFICIENCY,
+    DRIVE_POWER,
+    ECART_PROBABLE,
+    ELLIPTICITY,
+    FED,
+    FEED_MASS,
+    FEED_RATE,
+    FIXED_SCENE,
+    FREQUENCY,
+    FRICTION_DECK,
+    FRICTION_INTERNAL,
+    HOLD_UP,
+    INCLINATION,
+    INITIAL,
+    INPUT,
+    LAYER_DEPTH,
+    LEDGER_ROWS,
+    M_SETTLED,
+    MAX_HARMONICS,
+    MEMORY,
+    N_CLASSES,
+    N_DECKS,
+    N_DISPLACEMENT_WORK,
+    N_PANELS,
+    NOT_FINITE,
+    OPEN_AREA,
+    OUTPUT,
+    OVER,
+    OVERSIZE_MASS,
+    OVERSIZE_RATE,
+    PANEL,
+    PARAMETER,
+    PASSAGE_VELOCITY,
+    R_CODE,
+    R_INDEX,
+    R_LIMIT,
+    R_VALUE,
+    REFUSAL,
+    S_AMPLITUDE,
+    S_APERTURE,
+    S_CONTACT_LOAD,
+    S_DENSITY,
+    S_DILATION,
+    S_DISSIPATION,
+    S_ELLIPTICITY,
+    S_FREQUENCY,
+    S_HORIZON,
+    S_INCLINATION,
+    S_LAYER_LOAD,
+    S_OPEN_AREA,
+    S_PASSAGE_VELOCITY,
+    S_PROPORTION,
+    S_SEGREGATION_VELOCITY,
+    S_THROW_ANGLE,
+    S_THROW_NUMBER,
+    S_TRANSPORT_STATUS,
+    S_TRANSPORT_VELOCITY,
+    SEGREGATION_DILATION,
+    SEGREGATION_PROPORTION,
+    SEGREGATION_VELOCITY,
+    THROW_ANGLE,
+    THROW_NUMBER_OUT,
+    TOO_LARGE,
+    TOO_SMALL,
+    TOO_STEEP,
+    UNDER,
+    UNDERSIZE_MASS,
+    UNDERSIZE_RATE,
+    UNDERSIZE_RECOVERY,
+    VELOCITY_FACTOR,
+    VIBRATING_MASS,
+    class_vector,
+    deck_vector,
+    node_vector,
+    panel_vector,
+    scalars,
+    scene_vector,
+)
+
+PRESCRIBED, RIGID_BODY = 1, 2
+STEADY_START = 2  # bed.initial
+# A feed or fraction this little below its limit is round-off of another tool.
+ROUND_OFF = 1e-9
+FRACTION_SUM = 1e-3
+# The bed is deep at the discharge above this many apertures.
+DEEP = 4.0
+# Residence times in which a deck is surely full of the duty.
+FILLING = 1.01
+
+# Limits of what can change while a plant runs: (index, least, most).
+INPUT_LIMITS = (
+    (FEED_RATE, -ROUND_OFF, 1e6),
+    (FREQUENCY, 0.0, 100.0),
+    (AMPLITUDE, 0.0, 1.0),
+    (THROW_ANGLE, -2.0 * pi, 2.0 * pi),
+    (ELLIPTICITY, -1.0, 1.0),
+    (DISPLACEMENT_VELOCITY, 0.0, 100.0),
+)
+PARAMETER_LIMITS = (
+    (FRICTION_DECK, 1e-6, 10.0),
+    (FRICTION_INTERNAL, 1e-6, 10.0),
+    (PASSAGE_VELOCITY, 0.0, 1e12),
+    (SEGREGATION_VELOCITY, 0.0, 1e12),
+    (SEGREGATION_DILATION, 0.0, 10.0),
+    (SEGREGATION_PROPORTION, 0.0, 1.0),
+)
+PANEL_LIMITS = (
+    (INCLINATION, -1.5, 1.5),
+    (OPEN_AREA, 1e-9, 1.0),
+    (VELOCITY_FACTOR, 0.0, 100.0),
+)
+
+
+# --- checks ------------------------------------------------------------------------------------
+@kernel
+def refuse(buffer, code, index, value, limit):
+    """Say why a step is refused; `index` is a place of the buffer."""
+    refusal = scalars(buffer, AT_REFUSAL, REFUSAL)
+    refusal[R_CODE], refusal[R_INDEX] = code, index
+    refusal[R_VALUE], refusal[R_LIMIT] = value, limit
+    return code
+
+
+@kernel
+def check_value(buffer, index, least, most):
+    """Check one place of the buffer against its limits."""
+    value = buffer[index]
+    if not isfinite(value):
+        return refuse(buffer, NOT_FINITE, index, value, 0.0)
+    if value < least:
+        return refuse(buffer, TOO_SMALL, index, value, least)
+    if value > most:
+        return refuse(buffer, TOO_LARGE, index, value, most)
+    return ACCEPTED
+
+
+@inlined
+def check_fractions(buffer):
+    """Check the feed fractions; they count only while something is fed."""
+    start = int(buffer[AT_FRACTION])
+    classes = int(buffer[N_CLASSES])
+    total = 0.0
+    for k in range(classes):
+        code = check_value(buffer, start + k, -ROUND_OFF, 1.0 + ROUND_OFF)
+        if code != ACCEPTED:
+            return code
+        total += max(0.0, buffer[start + k])
+    if abs(total - 1.0) > FRACTION_SUM:
+        return refuse(buffer, BAD_SUM, start, total, FRACTION_SUM)
+    return ACCEPTED
+
+
+@inlined
+def check(buffer):
+    """Check all that may change between steps, before anything changes."""
+    for index, least, most in INPUT_LIMITS:
+        code = check_value(buffer, int(buffer[AT_INPUT]) + index, least, most)
+        if code != ACCEPTED:
+            return code
+    for index, least, most in PARAMETER_LIMITS:
+        code = check_value(buffer, int(buffer[AT_PARAMETER]) + index, least, most)
+        if code != ACCEPTED:
+            return code
+    for number in range(int(buffer[N_DECKS]) * int(buffer[N_PANELS])):
+        for index, least, most in PANEL_LIMITS:
+            place = int(buffer[AT_PANEL]) + number * len(PANEL) + index
+            code = check_value(buffer, place, least, most)
+            if code != ACCEPTED:
+                return code
+    if scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE] > 0.0:
+        return check_fractions(buffer)
+    return ACCEPTED
+
+
+# --- what changed ------------------------------------------------------------------------------
+@inlined
+def look(buffer, seen):
+    """Copy all that may change between steps to `seen`: motion first, feed last."""
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    place = 0
+    for k in range(1, inputs.size):
+        seen[place] = inputs[k]
+        place += 1
+    for k in range(parameter.size):
+        seen[place] = parameter[k]
+        place += 1
+    for deck in range(int(buffer[N_DECKS])):
+        for number in range(int(buffer[N_PANELS])):
+            panel = panel_vector(buffer, deck, number)
+            for k in range(panel.size):
+                seen[place] = panel[k]
+                place += 1
+    rate = max(0.0, inputs[FEED_RATE])
+    seen[place] = rate
+    fraction = class_vector(buffer, AT_FRACTION, 0)
+    for k in range(fraction.size):
+        seen[place + 1 + k] = fraction[k] if rate > 0.0 else 0.0
+
+
+@kernel
+def differ(one, two, start, stop):
+    """Whether two vectors differ anywhere in start..stop."""
+    for k in range(start, stop):
+        if one[k] != two[k]:
+            return True
+    return False
+
+
+# --- displacement ------------------------------------------------------------------------------
+@kernel
+def vibrates(buffer):
+    """Whether anything moves: a frequency, and an amplitude or a harmonic."""
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    moved = abs(inputs[AMPLITUDE])
+    harmonic = view2(buffer, int(buffer[AT_HARMONIC]), MAX_HARMONICS, 5)
+    for k in range(MAX_HARMONICS):
+        if harmonic[k, 0] > 0.0:
+            moved += abs(harmonic[k, 1]) + abs(harmonic[k, 3])
+    return inputs[FREQUENCY] > 0.0 and moved > 0.0
+
+
+@inlined
+def solve_displacement(buffer, deck, number):
+    """Velocity of the bed on a panel and what goes with it, into displacement_result."""
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    panel = panel_vector(buffer, deck, number)
+    result = scalars(buffer, AT_DISPLACEMENT_RESULT, DISPLACEMENT_RESULT)
+    work = scalars(buffer, AT_DISPLACEMENT_WORK, int(buffer[N_DISPLACEMENT_WORK]))
+    drive = scalars(buffer, AT_DRIVE_SETTING, 4)
+    harmonic = view2(buffer, int(buffer[AT_MOTION_HARMONIC]), MAX_HARMONICS + 1, 5)
+    extra = view2(buffer, int(buffer[AT_HARMONIC]), MAX_HARMONICS, 5)
+    motion = inputs[FREQUENCY : ELLIPTICITY + 1]
+    rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
+    compose_motion(motion, extra, rotation, harmonic)
+    drive[0], drive[1] = inputs[FREQUENCY], panel[INCLINATION]
+    drive[2] = min(parameter[FRICTION_DECK], parameter[FRICTION_INTERNAL])
+    drive[3] = inputs[DISPLACEMENT_VELOCITY] * panel[VELOCITY_FACTOR]
+    model = int(parameter[DISPLACEMENT_MODEL])
+    if model == PRESCRIBED:
+        prescribed(harmonic, drive, result, work)
+    elif model == RIGID_BODY:
+        rigid_body(harmonic, drive, result, work)
+    else:
+        call_displacement(int(buffer[DISPLACEMENT_ADDRESS]), harmonic, drive, result, work)
+
+
+@kernel
+def set_transport(buffer, deck, number, scene):
+    """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
+    result = scalars(buffer, AT_DISPLACEMENT_RESULT, DISPLACEMENT_RESULT)
+    if not vibrates(buffer):
+        for k in range(result.size):
+            result[k] = 0.0
+    else:
+        solve_displacement(buffer, deck, number)
+    if result[6] == 1.0:
+        place = int(buffer[AT_PANEL]) + (deck * int(buffer[N_PANELS]) + number) * len(PANEL)
+        friction = scalars(buffer, AT_DRIVE_SETTING, 4)[2]
+        panel = panel_vector(buffer, deck, number)
+        return refuse(buffer, TOO_STEEP, place + INCLINATION, panel[INCLINATION], friction)
+    scene[S_TRANSPORT_VELOCITY] = max(0.0, result[0])
+    scene[S_DISSIPATION] = result[4]
+    scene[S_THROW_NUMBER] = result[5]
+    scene[S_TRANSPORT_STATUS] = result[6]
+    return ACCEPTED
+
+
+# --- scene -------------------------------------------------------------------------------------
+@inlined
+def set_scene(buffer, deck, number, scene):
+    """What a panel offers to the sub-models; without vibration nothing passes or percolates."""
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    panel = panel_vector(buffer, deck, number)
+    alive = 1.0 if vibrates(buffer) else 0.0
+    scene[S_DENSITY] = parameter[BULK_DENSITY]
+    scene[S_CONTACT_LOAD] = parameter[BULK_DENSITY] * parameter[CONTACT_DEPTH]
+    scene[S_LAYER_LOAD] = parameter[BULK_DENSITY] * parameter[LAYER_DEPTH]
+    scene[S_PASSAGE_VELOCITY] = alive * parameter[PASSAGE_VELOCITY]
+    scene[S_SEGREGATION_VELOCITY] = alive * parameter[SEGREGATION_VELOCITY]
+    scene[S_DILATION] = parameter[SEGREGATION_DILATION]
+    scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
+    scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
+    scene[S_FREQUENCY], scene[S_AMPLITUDE] = inputs[FREQUENCY], inputs[AMPLITUDE]
+    rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
+    scene[S_THROW_ANGLE] = inputs[THROW_ANGLE] + rotation
+    scene[S_ELLIPTICITY], scene[S_INCLINATION] = inputs[ELLIPTICITY], panel[INCLINATION]
+    velocity = scene[S_TRANSPORT_VELOCITY]
+    scene[S_HORIZON] = deck_length(buffer, deck) / velocity if velocity > 0.0 else 0.0
+
+
+@kernel
+def motion_part(buffer):
+    """How many of the first numbers of `seen` are motion, parameters and panels."""
+    panels = int(buffer[N_DECKS]) * int(buffer[N_PANELS])
+    return len(INPUT) - 1 + len(PARAMETER) + panels * len(PANEL)
+
+
+@kernel
+def prepare(buffer, fresh):
+    """Bring scenes and feed up to date with inputs and parameters; ACCEPTED or a refusal.
+
+    What changed is compared with what was seen last, so that the displacement is solved only when
+    motion, inclination or friction changed, and packages keep their shared trajectory otherwise.
+    """
+    code = check(buffer)
+    if code != ACCEPTED:
+        return code
+    size = motion_part(buffer) + 1 + int(buffer[N_CLASSES])
+    now, last = scalars(buffer, AT_SEEN_NOW, size), scalars(buffer, AT_LAST_SEEN, size)
+    look(buffer, now)
+    moved = fresh or differ(now, last, 0, motion_part(buffer))
+    fed = fresh or differ(now, last, motion_part(buffer), size)
+    if not (moved or fed):
+        return ACCEPTED
+    solve = moved and (fresh or displaced(buffer, now, last))
+    if moved:
+        code = prepare_scenes(buffer, solve)
+        if code != ACCEPTED:
+            return code
+    if fed and now[motion_part(buffer)] > 0.0:
+        spread_feed(buffer)
+    for k in range(size):
+        last[k] = now[k]
+    scalars(buffer, AT_MEMORY, len(MEMORY))[M_SETTLED] = 0.0
+    for deck in range(int(buffer[N_DECKS])):
+        join_queue(buffer, deck)
+    if moved:
+        keep_scenes(buffer)
+    scalars(buffer, AT_COUNTER, len(COUNTER))[C_DISPLACEMENT] += 1.0 if solve else 0.0
+    start_cohort(buffer, 0, now[motion_part(buffer)])
+    return ACCEPTED
+
+
+@inlined
+def displaced(buffer, now, last):
+    """Whether anything changed that the displacement depends on."""
+    inputs = len(INPUT) - 1
+    if differ(now, last, 0, inputs):
+        return True
+    for k in (FRICTION_DECK, FRICTION_INTERNAL):
+        if now[inputs + k] != last[inputs + k]:
+            return True
+    first = inputs + len(PARAMETER)
+    for number in range(int(buffer[N_DECKS]) * int(buffer[N_PANELS])):
+        for k in (INCLINATION, VELOCITY_FACTOR):
+            place = first + number * len(PANEL) + k
+            if now[place] != last[place]:
+                return True
+    return False
+
+
+@inlined
+def prepare_scenes(buffer, solve):
+    """New scenes into scene_now; the scenes in use stay as they are."""
+    for deck in range(int(buffer[N_DECKS])):
+        for number in range(int(buffer[N_PANELS])):
+            scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
+            used = scene_vector(buffer, AT_SCENE, deck, number)
+            for k in range(scene.size):
+                scene[k] = used[k]
+            if solve:
+                code = set_transport(buffer, deck, number, scene)
+                if code != ACCEPTED:
+                    return code
+            set_scene(buffer, deck, number, scene)
+    return ACCEPTED
+
+
+@kernel
+def keep_scenes(buffer):
+    """Take the scenes in scene_now into use."""
+    for deck in range(int(buffer[N_DECKS])):
+        for number in range(int(buffer[N_PANELS])):
+            scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
+            used = scene_vector(buffer, AT_SCENE, deck, number)
+            for k in range(FIXED_SCENE):
+                used[k] = scene[k]
+
+
+@kernel
+def spread_feed(buffer):
+    """Split the fed classes over the nodes inside them, normalised to one."""
+    fraction = class_vector(buffer, AT_FRACTION, 0)
+    spread = class_vector(buffer, AT_CLASS_MASS, 0)
+    total = 0.0
+    for k in range(fraction.size):
+        spread[k] = max(0.0, fraction[k])
+        total += spread[k]
+    for k in range(fraction.size):
+        spread[k] /= total
+    split_classes(
+        scalars(buffer, AT_EDGE, fraction.size + 1),
+        spread,
+        node_vector(buffer, AT_NODE_CLASS, 0),
+        node_vector(buffer, AT_NODE_POSITION, 0),
+        node_vector(buffer, AT_NODE_WEIGHT, 0),
+        scalars(buffer, AT_SLOPE, fraction.size + 1),
+        node_vector(buffer, AT_FEED_FRACTION, 0),
+    )
+
+
+# --- ledger ------------------------------------------------------------------------------------
+@kernel
+def add_compensated(ledger_sum, ledger_rest, mass):
+    """Add `mass` to sums with their compensation (Neumaier), so that no kilogram is rounded away."""
+    for k in range(mass.size):
+        total = ledger_sum[k] + mass[k]
+        if abs(ledger_sum[k]) >= abs(mass[k]):
+            ledger_rest[k] += (ledger_sum[k] - total) + mass[k]
+        else:
+            ledger_rest[k] += (mass[k] - total) + ledger_sum[k]
+        ledger_sum[k] = total
+
+
+@kernel
+def book_masses(buffer):
+    """Add the class masses of the step (rows fed, undersize, oversize) to the ledger."""
+    for row in range(LEDGER_ROWS // 2):
+        add_compensated(
+            class_vector(buffer, AT_LEDGER, 2 * row),
+            class_vector(buffer, AT_LEDGER, 2 * row + 1),
+            class_vector(buffer, AT_CLASS_MASS, row),
+        )
+
+
+@kernel
+def ledger_total(buffer, row):
+    """Cumulative mass of all classes, kg."""
+    total = 0.0
+    whole, rest = class_vector(buffer, AT_LEDGER, row), class_vector(buffer, AT_LEDGER, row + 1)
+    for k in range(whole.size):
+        total += rest[k]
+    for k in range(whole.size):
+        total += whole[k]
+    return total
+
+
+@kernel
+def balance_error(buffer):
+    """Fed - discharged - held since the start, kg, class by class."""
+    initial, held = class_vector(buffer, AT_INITIAL_MASS, 0), class_vector(buffer, AT_HELD, 0)
+    error = 0.0
+    for k in range(held.size):
+        open_sum = class_vector(buffer, AT_LEDGER, FED)[k]
+        open_sum -= class_vector(buffer, AT_LEDGER, UNDER)[k]
+        open_sum -= class_vector(buffer, AT_LEDGER, OVER)[k]
+        rest = class_vector(buffer, AT_LEDGER, FED + 1)[k]
+        rest -= class_vector(buffer, AT_LEDGER, UNDER + 1)[k]
+        rest -= class_vector(buffer, AT_LEDGER, OVER + 1)[k]
+        error += (open_sum - held[k] + initial[k]) + rest
+    return error
+
+
+@kernel
+def count_held(buffer):
+    """What lies on all decks by class, into `held`, kg."""
+    node = node_vector(buffer, AT_NODE_WORK, 0)
+    for i in range(node.size):
+        node[i] = 0.0
+    for deck in range(int(buffer[N_DECKS])):
+        held_by_node(buffer, deck, node)
+    merge_classes(node, node_vector(buffer, AT_NODE_CLASS, 0), class_vector(buffer, AT_HELD, 0))
+
+
+# --- outputs -----------------------------------------------------------------------------------
+@kernel
+def write_stream(buffer, row, at_fraction, rate_index, duration):
+    """Mean rate and fractions of a stream over the step; without flow the fractions stay."""
+    mass = class_vector(buffer, AT_CLASS_MASS, row)
+    total = 0.0
+    for k in range(mass.size):
+        total += mass[k]
+    scalars(buffer, AT_OUTPUT, len(OUTPUT))[rate_index] = total / duration
+    if total > 0.0:
+        fraction = class_vector(buffer, at_fraction, 0)
+        for k in range(mass.size):
+            fraction[k] = mass[k] / total
+
+
+@kernel
+def write_recovery(buffer):
+    """Undersize recovery of the step: undersize finer than the aperture over the same as fed."""
+    size = node_vector(buffer, AT_SIZE, 0)
+    passed = node_vector(buffer, AT_STEP_MASS, 0)
+    fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
+    aperture = panel_vector(buffer, 0, 0)[APERTURE]
+    for number in range(1, int(buffer[N_PANELS])):
+        aperture = min(aperture, panel_vector(buffer, 0, number)[APERTURE])
+    fed, out = 0.0, 0.0
+    total = 0.0
+    for k in range(int(buffer[N_CLASSES])):
+        total += class_vector(buffer, AT_CLASS_MASS, 0)[k]
+    for i in range(size.size):
+        if size[i] < aperture:
+            fed += fraction[i] * total
+            out += passed[i]
+    if fed > 0.0:
+        scalars(buffer, AT_OUTPUT, len(OUTPUT))[UNDERSIZE_RECOVERY] = out / fed
+
+
+@kernel
+def partition_size(size, fine, coarse, level):
+    """Size whose part `level` reports to the coarse stream, m; negative: the end class instead."""
+    before_size, before = 0.0, -1.0
+    for i in range(size.size):
+        total = fine[i] + coarse[i]
+        if total <= 0.0:
+            continue
+        part = coarse[i] / total
+        if part >= level:
+            if before < 0.0:
+                return size[i] if part == level else -size[i]
+            return before_size + (size[i] - before_size) * (level - before) / (part - before)
+        before_size, before = size[i], part
+    return -before_size
+
+
+@kernel
+def write_partition(buffer):
+    """Cut size and ecart probable of the step from the partition over the nodes."""
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
+    size = node_vector(buffer, AT_SIZE, 0)
+    fine, coarse = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
+    quarter = partition_size(size, fine, coarse, 0.25)
+    half = partition_size(size, fine, coarse, 0.5)
+    three = partition_size(size, fine, coarse, 0.75)
+    output[ALARM_PERFORMANCE] = 1.0 if min(quarter, half, three) <= 0.0 else 0.0
+    if half != 0.0:
+        output[CUT_SIZE] = abs(half)
+        output[ECART_PROBABLE] = 0.5 * (abs(three) - abs(quarter))
+
+
+@kernel
+def write_state(buffer):
+    """Outputs that describe the moment: hold-up, depths, velocity, power, alarms."""
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    scene = scene_vector(buffer, AT_SCENE, 0, 0)
+    held = class_vector(buffer, AT_HELD, 0)
+    total = 0.0
+    for k in range(held.size):
+        total += held[k]
+    output[HOLD_UP] = total
+    output[DEPTH_FEED] = depth_at_feed(buffer, 0)
+    output[DEPTH_DISCHARGE] = depth_at_discharge(buffer, 0)
+    output[BED_VELOCITY] = scene[S_TRANSPORT_VELOCITY]
+    output[THROW_NUMBER_OUT] = scene[S_THROW_NUMBER]
+    fall = 9.81 * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
+    bed = total * max(0.0, scene[S_DISSIPATION] - fall)
+    speed = 2.0 * pi * inputs[FREQUENCY]
+    force = parameter[VIBRATING_MASS] * inputs[AMPLITUDE] * speed * speed
+    journal = 0.5 * speed * parameter[BEARING_DIAMETER]
+    bearing = parameter[BEARING_FRICTION] * force * journal
+    output[DRIVE_POWER] = (bed + bearing) / parameter[DRIVE_EFFICIENCY]
+    output[BALANCE_ERROR] = balance_error(buffer)
+    deep = DEEP * scene[S_APERTURE]
+    output[ALARM_BED_DEPTH] = 1.0 if output[DEPTH_DISCHARGE] > deep else 0.0
+    output[ALARM_CAPACITY] = deck_vector(buffer, 0)[D_CAPACITY_ALARM]
+    output[ALARM_TRANSPORT] = 1.0 if scene[S_TRANSPORT_STATUS] == 2.0 else 0.0
+
+
+@kernel
+def write_sums(buffer):
+    """Cumulative masses."""
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
+    output[FEED_MASS] = ledger_total(buffer, FED)
+    output[UNDERSIZE_MASS] = ledger_total(buffer, UNDER)
+    output[OVERSIZE_MASS] = ledger_total(buffer, OVER)
+
+
+@kernel
+def fed_masses(buffer, row, duration):
+    """Class masses fed in the step, kg."""
+    rate = max(0.0, scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE])
+    mass = class_vector(buffer, AT_CLASS_MASS, row)
+    merge_classes(
+        node_vector(buffer, AT_FEED_FRACTION, 0), node_vector(buffer, AT_NODE_CLASS, 0), mass
+    )
+    for k in range(mass.size):
+        mass[k] *= rate * duration
+
+
+# --- entries -----------------------------------------------------------------------------------
+@inlined
+def steady_step(buffer, duration):
+    """A step in a steady scene: all rates are known, only the sums grow."""
+    for row in range(3):
+        rate = class_vector(buffer, AT_STEADY_RATE, row)
+        mass = class_vector(buffer, AT_CLASS_MASS, row)
+        for k in range(rate.size):
+            mass[k] = rate[k] * duration
+    book_masses(buffer)
+    write_sums(buffer)
+    scalars(buffer, AT_OUTPUT, len(OUTPUT))[BALANCE_ERROR] = balance_error(buffer)
+    scalars(buffer, AT_COUNTER, len(COUNTER))[C_STEADY_STEPS] += 1.0
+
+
+@kernel
+def move(buffer, duration):
+    """Advance the decks; the masses of the step lie in step_mass and class_mass after it."""
+    classes = node_vector(buffer, AT_NODE_CLASS, 0)
+    for row in range(2):
+        mass = node_vector(buffer, AT_STEP_MASS, row)
+        for i in range(mass.size):
+            mass[i] = 0.0
+    deck_vector(buffer, 0)[D_CAPACITY_ALARM] = 0.0
+    advance_deck(buffer, 0, duration)
+    fed_masses(buffer, 0, duration)
+    for row in range(2):
+        merge_classes(
+            node_vector(buffer, AT_STEP_MASS, row),
+            classes,
+            class_vector(buffer, AT_CLASS_MASS, row + 1),
+        )
+
+
+@kernel
+def at_rest(buffer):
+    """Whether nothing vibrates and nothing is fed: nothing can change."""
+    scene = scene_vector(buffer, AT_SCENE, 0, 0)
+    alive = scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY] + scene[S_TRANSPORT_VELOCITY]
+    return alive == 0.0 and scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE] <= 0.0
+
+
+@kernel
+def write_streams(buffer, duration):
+    """Outputs that are means over the step."""
+    write_stream(buffer, 1, AT_UNDERSIZE_FRACTION, UNDERSIZE_RATE, duration)
+    write_stream(buffer, 2, AT_OVERSIZE_FRACTION, OVERSIZE_RATE, duration)
+    write_recovery(buffer)
+    write_partition(buffer)
+
+
+@inlined
+def advance(buffer, duration):
+    """Advance the screen by `duration` s > 0 with the inputs in the buffer."""
+    code = prepare(buffer, False)
+    if code != ACCEPTED:
+        return code
+    memory = scalars(buffer, AT_MEMORY, len(MEMORY))
+    book = deck_vector(buffer, 0)
+    scalars(buffer, AT_COUNTER, len(COUNTER))[C_STEPS] += 1.0
+    if memory[M_SETTLED] == 1.0:
+        steady_step(buffer, duration)
+        return ACCEPTED
+    covered = book[D_COVERED] == 1.0 or at_rest(buffer)
+    move(buffer, duration)
+    book_masses(buffer)
+    count_held(buffer)
+    write_streams(buffer, duration)
+    write_sums(buffer)
+    write_state(buffer)
+    if covered:
+        memory[M_SETTLED] = 1.0
+        for row in range(3):
+            rate = class_vector(buffer, AT_STEADY_RATE, row)
+            mass = class_vector(buffer, AT_CLASS_MASS, row)
+            for k in range(rate.size):
+                rate[k] = mass[k] / duration
+    return ACCEPTED
+
+
+@inlined
+def initialise(buffer):
+    """Start: empty decks, or full of the duty in the inputs where bed.initial is steady."""
+    for deck in range(int(buffer[N_DECKS])):
+        clear_deck(buffer, deck)
+    code = prepare(buffer, True)
+    if code != ACCEPTED:
+        return code
+    fraction = class_vector(buffer, AT_FRACTION, 0)
+    for at in (AT_UNDERSIZE_FRACTION, AT_OVERSIZE_FRACTION):
+        stream = class_vector(buffer, at, 0)
+        for k in range(stream.size):
+            stream[k] = fraction[k]
+    velocity = scene_vector(buffer, AT_SCENE, 0, 0)[S_TRANSPORT_VELOCITY]
+    if scalars(buffer, AT_PARAMETER, len(PARAMETER))[INITIAL] == STEADY_START and velocity > 0.0:
+        move(buffer, FILLING * deck_length(buffer, 0) / velocity)
+        count_held(buffer)
+        held, initial = class_vector(buffer, AT_HELD, 0), class_vector(buffer, AT_INITIAL_MASS, 0)
+        for k in range(held.size):
+            initial[k] = held[k]
+        move(buffer, 1.0)
+        write_streams(buffer, 1.0)
+    write_state(buffer)
+    return ACCEPTED

@@ -1,0 +1,227 @@
+"""Vibration of the deck and the mean velocity at which a rigid body would ride on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroscreen.errors import InputError
+from vibroscreen.kernels.displacement import (
+    MAX_ORDER,
+    ROWS,
+    WORK_SIZE,
+    compose_motion,
+    rigid_body,
+)
+from vibroscreen.units import DEG
+
+__all__ = ["ConveyingRegime", "Harmonic", "Motion", "conveying_regime", "transport_velocity"]
+
+MAX_FREQUENCY = 100.0  # Hz
+MAX_AMPLITUDE = 1.0  # m
+MAX_HARMONICS = ROWS - 1
+SENSES = {"with_flow": 1.0, "against_flow": -1.0}
+
+
+def _checked(
+    variable: str, value: float, limits: tuple[float, float], unit: str, cure: str
+) -> float:
+    """Value as a float within its limits, which belong to the range."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{variable} = {value!r} is not a number: give one in {unit}")
+    lower, upper = limits
+    if not lower <= value <= upper:
+        raise InputError(
+            f"{variable} = {value:g} {unit} is outside {lower:g} to {upper:g} {unit}: {cure}"
+        )
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """Part of the deck's motion at `order` times the frequency [m], phases in rad.
+
+    Adds along * cos(order w t + along_phase) to the motion along the deck (down-slope positive)
+    and normal * cos(order w t + normal_phase) to the motion normal to it (up). The values are
+    checked by the Motion that takes it in.
+    """
+
+    order: int
+    along: float = 0.0
+    along_phase: float = 0.0
+    normal: float = 0.0
+    normal_phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Periodic motion of the deck: frequency [Hz], amplitude [m], throw angle [rad], ellipticity.
+
+    xi = A (cos b sin wt - e sin b cos wt) along the deck, down-slope positive, and
+    eta = A (sin b sin wt + e cos b cos wt) normal to it, up, plus at most four harmonics. The
+    amplitude is the semi-major axis, half the stroke; the throw angle b is that of the major axis
+    over the first panel of the top deck; with e > 0 the deck moves with the flow at the top of its
+    orbit. Raises InputError with the name of the value that is out of range.
+    """
+
+    frequency: float
+    amplitude: float
+    throw_angle: float = 45.0 * DEG
+    ellipticity: float = 0.0
+    harmonic: tuple[Harmonic, ...] = ()
+
+    def __post_init__(self) -> None:
+        limits = {
+            "frequency": ((0.0, MAX_FREQUENCY), "Hz", "was 1/min meant? divide it by 60"),
+            "amplitude": ((0.0, MAX_AMPLITUDE), "m", "were millimetres meant? give metres"),
+            "throw_angle": ((-math.pi, math.pi), "rad", "were degrees meant? give radians"),
+            "ellipticity": ((-1.0, 1.0), "(minor over major axis)", "0 is linear, 1 circular"),
+        }
+        for name, (bounds, unit, cure) in limits.items():
+            value = _checked(f"motion.{name}", getattr(self, name), bounds, unit, cure)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "harmonic", tuple(self.harmonic))
+        if len(self.harmonic) > MAX_HARMONICS:
+            raise InputError(
+                f"motion.harmonic = {len(self.harmonic)} harmonics are more than the engine has "
+                f"room for ({MAX_HARMONICS}): leave out the smallest"
+            )
+        for number, part in enumerate(self.harmonic, start=1):
+            _check_harmonic(f"motion.harmonic[{number}]", part)
+
+    @classmethod
+    def linear(cls, amplitude: float, frequency: float, throw_angle: float) -> Motion:
+        """Motion along a straight line: half the stroke [m], frequency [Hz], throw angle [rad]."""
+        return cls(frequency, amplitude, throw_angle)
+
+    @classmethod
+    def circular(cls, amplitude: float, frequency: float, sense: str = "with_flow") -> Motion:
+        """Motion on a circle: radius [m], frequency [Hz], sense of rotation.
+
+        `with_flow`: at the top of its orbit the deck moves with the flow, `against_flow`: the
+        other way round.
+        """
+        if sense not in SENSES:
+            raise InputError(
+                f"motion.sense = {sense!r} is not a sense of rotation: "
+                f"use {' or '.join(repr(name) for name in SENSES)}"
+            )
+        return cls(frequency, amplitude, 90.0 * DEG, SENSES[sense])
+
+    @classmethod
+    def elliptical(
+        cls, amplitude: float, frequency: float, throw_angle: float, ellipticity: float
+    ) -> Motion:
+        """Motion on an ellipse: semi-major axis [m] and its angle [rad], frequency [Hz]."""
+        return cls(frequency, amplitude, throw_angle, ellipticity)
+
+    @classmethod
+    def harmonics(cls, frequency: float, parts: Sequence[Harmonic]) -> Motion:
+        """Any periodic motion of frequency [Hz] as a sum of harmonics [m, rad]."""
+        return cls(frequency, 0.0, 0.0, 0.0, tuple(parts))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing vibrates: frequency or all amplitudes zero."""
+        return self.frequency == 0.0 or (
+            self.amplitude == 0.0
+            and all(part.along == 0.0 and part.normal == 0.0 for part in self.harmonic)
+        )
+
+    def fundamental(self) -> NDArray[np.float64]:
+        """Frequency [Hz], amplitude [m], throw angle [rad], ellipticity, for the kernels."""
+        return np.array([self.frequency, self.amplitude, self.throw_angle, self.ellipticity])
+
+    def harmonic_rows(self) -> NDArray[np.float64]:
+        """Harmonics [m, rad] for the kernels, zero padded.
+
+        Shape [4, 5], rows (order, along, along phase, normal, normal phase).
+        """
+        rows = np.zeros((MAX_HARMONICS, 5))
+        for row, part in zip(rows, self.harmonic, strict=False):
+            row[:] = (part.order, part.along, part.along_phase, part.normal, part.normal_phase)
+        return rows
+
+    def on_panel(self, rotation: float = 0.0) -> NDArray[np.float64]:
+        """Motion along and normal to a panel [m] that is `rotation` [rad] steeper than the first.
+
+        Shape [5, 5], rows (order, along cos, along sin, normal cos, normal sin).
+        """
+        rows = np.zeros((ROWS, 5))
+        compose_motion(self.fundamental(), self.harmonic_rows(), rotation, rows)
+        return rows
+
+
+def _check_harmonic(name: str, part: Harmonic) -> None:
+    """Refuse a harmonic whose order is no small whole number or whose values are out of range."""
+    if isinstance(part.order, bool) or part.order not in range(1, MAX_ORDER + 1):
+        raise InputError(
+            f"{name}.order = {part.order!r} is not a whole number from 1 to {MAX_ORDER}: "
+            "give the multiple of motion.frequency"
+        )
+    for field in ("along", "normal"):
+        bounds = (-MAX_AMPLITUDE, MAX_AMPLITUDE)
+        _checked(f"{name}.{field}", getattr(part, field), bounds, "m", "give metres")
+        bounds = (-2.0 * math.pi, 2.0 * math.pi)
+        phase = f"{field}_phase"
+        _checked(f"{name}.{phase}", getattr(part, phase), bounds, "rad", "give radians")
+
+
+@dataclass(frozen=True)
+class ConveyingRegime:
+    """How a rigid body rides on the deck.
+
+    velocity: mean velocity along the deck, down-slope positive [m/s]; negative where the body
+    travels towards the feed end. spread: 0 in a regime that repeats within 16 periods; elsewhere
+    the standard deviation [m/s] of the velocities of 16 blocks of 8 periods (above throw number 8
+    of longer blocks, as flights are longer). flight_fraction: share of the time in flight [1].
+    flights_per_period: take-offs per period [1]. dissipation: by friction and impacts [W/kg].
+    throw_number: largest normal acceleration of the deck towards the ground over g cos(inclination)
+    [1].
+    """
+
+    velocity: float
+    spread: float
+    flight_fraction: float
+    flights_per_period: float
+    dissipation: float
+    throw_number: float
+
+
+def conveying_regime(motion: Motion, inclination: float, friction: float) -> ConveyingRegime:
+    """Regime of a rigid body on a deck of `inclination` [rad, down-slope] and `friction` [1].
+
+    Stick, slip forward and back and flight, plastic normal impacts, tangential impulse limited by
+    friction; from rest on the deck at phase 0 (Blekhman, Vibrational Mechanics, 2000). Raises
+    InputError where |tan(inclination)| >= friction: the body runs away and has no mean velocity.
+    """
+    limit = 0.5 * math.pi
+    inclination = _checked(
+        "inclination", inclination, (-limit, limit), "rad", "were degrees meant? give radians"
+    )
+    friction = _checked("friction", friction, (0.0, 100.0), "(ratio)", "give a coefficient")
+    if not motion.at_rest and abs(math.tan(inclination)) >= friction:
+        raise InputError(
+            f"inclination = {inclination:.4g} rad ({inclination / DEG:.4g} deg, tangent "
+            f"{math.tan(inclination):.4g}) is too steep for the friction at the base "
+            f"({friction:g}), a rigid body would run away: make the deck flatter or use "
+            'displacement.model = "prescribed"'
+        )
+    result = np.zeros(7)
+    drive = np.array([motion.frequency, inclination, friction, 0.0])
+    rigid_body(motion.on_panel(), drive, result, np.zeros(WORK_SIZE))
+    return ConveyingRegime(*(float(value) for value in result[:6]))
+
+
+def transport_velocity(motion: Motion, inclination: float, friction: float) -> float:
+    """Mean velocity of a rigid body along the deck [m/s], down-slope positive.
+
+    inclination [rad], down-slope positive; friction [1]; errors as in `conveying_regime`, which
+    gives more of the same regime. A negative velocity means that the deck does not convey.
+    """
+    return conveying_regime(motion, inclination, friction).velocity

@@ -1,0 +1,421 @@
+"""A screen as an object: owns the flat buffer, checks once, calls kernels."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import registry
+from vibroscreen.kernels.displacement import WORK_SIZE
+from vibroscreen.kernels.entry import ADVANCE, INITIALISE, run
+from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.step import PRESCRIBED
+from vibroscreen.motion import Motion
+from vibroscreen.size_classes import Nodes
+from vibroscreen.steady import SteadyResult, sieve, solve
+from vibroscreen.stream import Feed, Stream
+from vibroscreen.units import DEG
+
+Array = NDArray[np.float64]
+
+# A package is never longer than this part of the deck, less where the tolerance asks for it.
+LEAST_CELLS = 64
+MOST_CELLS = 512
+
+# What a user calls the numbers of the buffer: (field, scalar) -> name, unit, cure.
+VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
+    ("input", "feed_rate"): (
+        "feed.mass_flow_rate",
+        "kg/s",
+        "give a finite rate that is not negative",
+    ),
+    ("input", "frequency"): ("motion.frequency", "Hz", "was 1/min meant? divide it by 60"),
+    ("input", "amplitude"): ("motion.amplitude", "m", "were millimetres meant? give metres"),
+    ("input", "throw_angle"): ("motion.throw_angle", "rad", "were degrees meant? give radians"),
+    ("input", "ellipticity"): ("motion.ellipticity", "", "0 is linear, 1 and -1 are circular"),
+    ("input", "displacement_velocity"): (
+        "displacement.velocity",
+        "m/s",
+        "give a velocity down the deck; it cannot convey upwards",
+    ),
+    ("parameter", "bulk_density"): ("material.bulk_density", "kg/m3", ""),
+    ("parameter", "friction_deck"): ("material.friction_deck", "", "give a friction coefficient"),
+    ("parameter", "friction_internal"): (
+        "material.friction_internal",
+        "",
+        "give a friction coefficient",
+    ),
+    ("parameter", "passage_law"): ("passage.law", "", ""),
+    ("parameter", "passage_velocity"): ("passage.velocity", "m/s", "0 closes the deck"),
+    ("parameter", "segregation_model"): ("segregation.model", "", ""),
+    ("parameter", "segregation_velocity"): (
+        "segregation.velocity",
+        "m/s",
+        "0 switches percolation off",
+    ),
+    ("parameter", "segregation_dilation"): (
+        "segregation.dilation",
+        "m",
+        "were millimetres meant? give metres",
+    ),
+    ("parameter", "segregation_proportion"): ("segregation.proportion", "", "give a part of one"),
+    ("parameter", "displacement_model"): ("displacement.model", "", ""),
+    ("parameter", "contact_depth"): ("bed.contact_depth", "m", ""),
+    ("parameter", "layer_depth"): ("bed.layer_depth", "m", ""),
+    ("parameter", "initial"): ("bed.initial", "", ""),
+    ("parameter", "vibrating_mass"): ("drive.vibrating_mass", "kg", ""),
+    ("parameter", "bearing_friction"): ("drive.bearing_friction", "", ""),
+    ("parameter", "bearing_diameter"): ("drive.bearing_diameter", "m", ""),
+    ("parameter", "drive_efficiency"): ("drive.efficiency", "", ""),
+    ("parameter", "tolerance"): ("solver.tolerance", "", ""),
+    ("parameter", "subdivision"): ("size_classes.subdivision", "", ""),
+    ("panel", "length"): ("length", "m", ""),
+    ("panel", "inclination"): ("inclination", "rad", "were degrees meant? give radians"),
+    ("panel", "aperture"): ("aperture", "m", ""),
+    ("panel", "open_area"): ("open_area", "", "give the open part of the deck's area"),
+    ("panel", "velocity_factor"): ("velocity_factor", "", "give a factor that is not negative"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """What a step gave: means over the step, cumulative masses and the state after it.
+
+    undersize and oversize in kg/s; hold_up in kg; depths in m; transport_velocity in m/s;
+    throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
+    in W; balance_error in kg; alarms: names of those that are set.
+    """
+
+    undersize: Stream
+    oversize: Stream
+    hold_up: float
+    depth_feed: float
+    depth_discharge: float
+    transport_velocity: float
+    throw_number: float
+    undersize_recovery: float
+    cut_size: float
+    ecart_probable: float
+    drive_power: float
+    balance_error: float
+    alarms: tuple[str, ...]
+
+
+_SCALARS = tuple(f.name for f in dataclasses.fields(StepResult) if f.type == "float")
+
+
+class Screen:
+    """A vibrating screen that is fed, vibrates and gives undersize and oversize.
+
+    Raises ConfigError for a configuration that the engine cannot run.
+    """
+
+    def __init__(self, config: ScreenConfig) -> None:
+        if len(config.decks) != 1 or len(config.decks[0].panels) != 1:
+            raise ConfigError(
+                f"deck: {len(config.decks)} decks with "
+                f"{max(len(deck.panels) for deck in config.decks)} panels: "
+                "this version runs one deck with one panel, give one [[deck]] and one [[deck.panel]]"
+            )
+        self.config = config
+        self.nodes = config.size_classes.nodes(config.apertures)
+        self.layout = _layout(config, self.nodes, packages=True)
+        self.buffer = self.layout.buffer()
+        fill(self.layout, self.buffer, config, self.nodes)
+        self._column: tuple[Layout, Array] | None = None
+        self.initialise()
+
+    # --- the buffer, for those who move numbers themselves ------------------------------------
+    def view(self, name: str) -> Array:
+        """The field `name` of the buffer (see kernels/layout.py); writing to it writes the screen."""
+        return self.layout.view(self.buffer, name)
+
+    def initialise(self) -> None:
+        """Start anew with the inputs and parameters in the buffer: empty decks, or full ones.
+
+        Raises InputError as `advance` does.
+        """
+        self.buffer[self.layout.section["outputs"]] = 0.0
+        self.buffer[self.layout.section["state"]] = 0.0
+        self._check(run(self.buffer, INITIALISE, 0.0, 0.0))
+
+    def advance(self, duration: float) -> None:
+        """Advance by `duration` s with the inputs in the buffer.
+
+        Raises InputError with the name, value and limit of the first input that is out of range;
+        the state is as before then.
+        """
+        if not (math.isfinite(duration) and duration > 0.0):
+            raise InputError(
+                f"dt = {duration!r} s is not a finite positive time: give a step in seconds", "dt"
+            )
+        self._check(run(self.buffer, ADVANCE, float(duration), 0.0))
+
+    @property
+    def state(self) -> bytes:
+        """All that the screen remembers, parameters, inputs and outputs included."""
+        return self.buffer[self.layout.persistent].tobytes()
+
+    @state.setter
+    def state(self, blob: bytes) -> None:
+        part = self.layout.persistent
+        size = 8 * (part.stop - part.start)
+        if len(blob) != size:
+            raise InputError(
+                f"state = {len(blob)} bytes is not a state of this screen ({size} bytes): "
+                "give one that the same configuration wrote",
+                "state",
+            )
+        self.buffer[part] = np.frombuffer(blob)
+
+    # --- for people ---------------------------------------------------------------------------
+    def step(self, dt: float, feed: Feed | None = None, motion: Motion | None = None) -> StepResult:
+        """Advance by `dt` s under a feed and a motion (the last ones unless given).
+
+        Raises InputError for a value out of range; the state is as before then.
+        """
+        before = self.buffer[self.layout.section["inputs"]].copy()
+        try:
+            put_inputs(self.layout, self.buffer, feed, motion, self.config)
+            self.advance(dt)
+        except InputError:
+            self.buffer[self.layout.section["inputs"]] = before
+            raise
+        return self.result()
+
+    def result(self) -> StepResult:
+        """What the last step gave."""
+        output = dict(zip(lay.OUTPUT, self.view("output").tolist(), strict=True))
+        alarms = (name for name, value in output.items() if name.startswith("alarm_") and value)
+        return StepResult(
+            undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
+            oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
+            alarms=tuple(name.replace("alarm_", "alarm.") for name in alarms),
+            **{name: output[name] for name in _SCALARS},
+        )
+
+    def balance(self) -> pd.DataFrame:
+        """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""
+        ledger = self.view("ledger")
+        whole = {"initial": self.view("initial_mass").copy()}
+        for name, row in (("fed", lay.FED), ("undersize", lay.UNDER), ("oversize", lay.OVER)):
+            whole[name] = ledger[row] + ledger[row + 1]
+        whole["held"] = self.view("held").copy()
+        gone = (ledger[lay.FED] - ledger[lay.UNDER]) - ledger[lay.OVER]
+        rest = (ledger[lay.FED + 1] - ledger[lay.UNDER + 1]) - ledger[lay.OVER + 1]
+        whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
+        return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
+
+    def counters(self) -> dict[str, int]:
+        """What was computed and what was skipped since the start."""
+        return {k: int(v) for k, v in zip(lay.COUNTER, self.view("counter"), strict=True)}
+
+    def solve_steady(self, feed: Feed | None = None, motion: Motion | None = None) -> SteadyResult:
+        """Steady state under a feed and a motion (those of the configuration unless given).
+
+        The screen itself stays as it is. Raises InputError for a value out of range, for a feed
+        of zero and for a deck that does not convey.
+        """
+        feed = feed if feed is not None else self.config.feed
+        layout, buffer = self._column_buffer()
+        put_inputs(layout, buffer, feed, motion or self.config.motion, self.config)
+        return solve(self.config, self.nodes, layout, buffer, feed, self._check)
+
+    def sieve_batch(
+        self,
+        areal_mass: float,
+        mass_fraction: Sequence[float],
+        motion: Motion | None = None,
+        times: Sequence[float] = (),
+    ) -> Array:
+        """Recovery to the undersize of a batch on a plate that does not convey, by time and class.
+
+        areal_mass in kg/m2; mass_fraction by class, finest first; times in s, ascending; aperture
+        and open area are those of the first panel. Returns recovery[time, class], 0 for a class
+        that the batch does not hold. Raises InputError.
+        """
+        if not (math.isfinite(areal_mass) and areal_mass > 0.0):
+            raise InputError(
+                f"areal_mass = {areal_mass!r} kg/m2 is not a finite positive mass: "
+                "give the batch over the area of the plate",
+                "areal_mass",
+            )
+        instants = np.asarray(times, dtype=float)
+        if instants.ndim != 1 or not np.isfinite(instants).all():
+            raise InputError("times: give finite times in s in one row", "times")
+        if (np.diff(instants, prepend=0.0) < 0.0).any():
+            raise InputError("times: give ascending times from 0 s on", "times")
+        layout, buffer = self._column_buffer()
+        batch = Feed(1.0, tuple(mass_fraction))
+        put_inputs(layout, buffer, batch, motion or self.config.motion, self.config)
+        parameter = layout.view(buffer, "parameter")
+        model = parameter[lay.DISPLACEMENT_MODEL]
+        parameter[lay.DISPLACEMENT_MODEL] = PRESCRIBED
+        try:
+            return sieve(self.config, self.nodes, layout, buffer, areal_mass, instants, self._check)
+        finally:
+            parameter[lay.DISPLACEMENT_MODEL] = model
+
+    def _column_buffer(self) -> tuple[Layout, Array]:
+        """A small buffer without packages, with the parameters as they are now."""
+        if self._column is None:
+            layout = _layout(self.config, self.nodes, packages=False)
+            buffer = layout.buffer()
+            fill(layout, buffer, self.config, self.nodes)
+            run(buffer, INITIALISE, 0.0, 0.0)
+            self._column = layout, buffer
+        layout, buffer = self._column
+        buffer[layout.section["parameters"]] = self.buffer[self.layout.section["parameters"]]
+        layout.view(buffer, "parameter")[lay.INITIAL] = 1.0
+        return layout, buffer
+
+    def _check(self, code: int, buffer: Array | None = None, layout: Layout | None = None) -> None:
+        """Raise what a kernel refused."""
+        if code != lay.ACCEPTED:
+            layout = layout or self.layout
+            raise refusal(layout, self.buffer if buffer is None else buffer)
+
+
+def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
+    """Dimensions of a screen; without packages only one slice has room."""
+    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
+    cells = min(MOST_CELLS, max(LEAST_CELLS, cells))
+    segregation = registry.model("segregation", config.segregation.model)
+    room = config.solver.packages or 2 * cells + 16
+    if packages and room < cells + 4:
+        raise ConfigError(
+            f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
+            f"give at least {cells + 4}, or 0 for the engine's choice"
+        )
+    return Layout(
+        {
+            "classes": config.size_classes.count,
+            "nodes": nodes.count,
+            "decks": len(config.decks),
+            "panels": len(config.decks[0].panels),
+            "layers": config.bed.layers if segregation.layered else 1,
+            "packages": room if packages else 1,
+            "cells": cells,
+            "layered": int(segregation.layered),
+            "displacement_work": WORK_SIZE,
+            "displacement_address": registry.model(
+                "displacement", config.displacement.model
+            ).address,
+            "passage_address": registry.model("passage", config.passage.law).address,
+            "segregation_address": segregation.address,
+        }
+    )
+
+
+def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> None:
+    """Write a configuration into a buffer: parameters, duty and constants."""
+    panel = config.decks[0].panels[0]
+    values = {
+        **dataclasses.asdict(config.material),
+        "passage_law": registry.model("passage", config.passage.law).number,
+        "passage_velocity": config.passage.velocity_at(panel.aperture),
+        "segregation_model": registry.model("segregation", config.segregation.model).number,
+        "segregation_velocity": config.segregation.velocity,
+        "segregation_dilation": config.segregation.dilation,
+        "segregation_proportion": config.segregation.proportion,
+        "displacement_model": registry.model("displacement", config.displacement.model).number,
+        "contact_depth": config.bed.contact_depth,
+        "layer_depth": config.bed.layer_depth,
+        "initial": ("empty", "steady").index(config.bed.initial) + 1,
+        "vibrating_mass": config.drive.vibrating_mass,
+        "bearing_friction": config.drive.bearing_friction,
+        "bearing_diameter": config.drive.bearing_diameter,
+        "drive_efficiency": config.drive.efficiency,
+        "tolerance": config.solver.tolerance,
+        "subdivision": config.size_classes.subdivision,
+    }
+
+    def put(name: str, value: object) -> None:
+        layout.view(buffer, name)[...] = value
+
+    put("parameter", [values[name] for name in lay.PARAMETER])
+    put("lower", config.size_classes.lower)
+    put("upper", config.size_classes.upper)
+    put("edge", config.size_classes.edges)
+    put("width", [deck.width for deck in config.decks])
+    put("panel", [[dataclasses.astuple(p) for p in deck.panels] for deck in config.decks])
+    put("harmonic", config.motion.harmonic_rows())
+    put("size", nodes.size)
+    put("node_class", nodes.class_index)
+    put("node_position", nodes.position)
+    put("node_weight", nodes.weight)
+    layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity
+    put_inputs(layout, buffer, config.feed, config.motion, config)
+
+
+def put_inputs(
+    layout: Layout,
+    buffer: Array,
+    feed: Feed | None,
+    motion: Motion | None,
+    config: ScreenConfig,
+) -> None:
+    """Write a feed and a motion into the inputs of a buffer; None leaves what is there."""
+    inputs = layout.view(buffer, "input")
+    if feed is not None:
+        if feed.mass_flow_rate > 0.0:
+            feed.check_classes(config.size_classes.count)
+            layout.view(buffer, "fraction")[:] = feed.mass_fraction
+        inputs[lay.FEED_RATE] = feed.mass_flow_rate
+    if motion is not None:
+        inputs[lay.FREQUENCY : lay.ELLIPTICITY + 1] = motion.fundamental()
+        layout.view(buffer, "harmonic")[...] = motion.harmonic_rows()
+
+
+def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
+    """Name, unit and cure of the number at a place of the buffer."""
+    for field, scalars in (("input", lay.INPUT), ("parameter", lay.PARAMETER)):
+        place = index - layout.offset[field]
+        if 0 <= place < len(scalars):
+            return VARIABLE[field, scalars[place]]
+    place = index - layout.offset["fraction"]
+    if 0 <= place < layout.shape["fraction"][0]:
+        cure = "give mass fractions from 0 to 1 that sum to 1"
+        return f"feed.mass_fraction[{place + 1}]", "", cure
+    deck, panel, scalar = (
+        int(k) for k in np.unravel_index(index - layout.offset["panel"], layout.shape["panel"])
+    )
+    name, unit, cure = VARIABLE["panel", lay.PANEL[scalar]]
+    return f"deck[{deck + 1}].panel[{panel + 1}].{name}", unit, cure
+
+
+def refusal(layout: Layout, buffer: Array) -> InputError:
+    """The error that says what a kernel refused."""
+    code, index, value, limit = layout.view(buffer, "refusal").tolist()
+    name, unit, cure = variable_name(layout, int(index))
+    given = f"{name} = {value:.6g} {unit}".rstrip()
+    bound = f"{limit:.6g} {unit}".rstrip()
+    if code == lay.BAD_SUM:
+        return InputError(
+            f"feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:g}: "
+            "give the mass fractions of all size classes",
+            "feed.mass_fraction",
+        )
+    if code == lay.TOO_STEEP:
+        return InputError(
+            f"{given} ({value / DEG:.4g} deg, slope {math.tan(value):.4g}) is too steep for the "
+            f"friction at the base ({limit:.4g}), a rigid body would run away: make the deck "
+            'flatter or use displacement.model = "prescribed"',
+            name,
+        )
+    if code == lay.NOT_FINITE:
+        return InputError(f"{given} is not a finite number: {cure}", name)
+    side = "below" if code == lay.TOO_SMALL else "above"
+    limit_word = "least" if code == lay.TOO_SMALL else "most"
+    if limit_word == "least" and limit < 0.0 and abs(limit) < 1e-6:
+        bound = f"0 {unit}".rstrip()
+    return InputError(f"{given} is {side} the {limit_word} that is possible, {bound}: {cure}", name)

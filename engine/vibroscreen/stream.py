@@ -1,0 +1,177 @@
+"""Streams of solids: the feed as a user gives it, and what leaves the screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroscreen.errors import InputError
+from vibroscreen.fields import Number, Numbers, as_tuple, of
+from vibroscreen.units import T_H
+
+Array = NDArray[np.float64]
+
+# What a master's arithmetic may leave below zero or above one: taken as the limit itself.
+ROUND_OFF = 1e-9
+# Fractions that sum to one within this are normalised, others refused.
+SUM_TOLERANCE = 1e-3
+# Sums that differ from one by less are left alone, so that normalising twice changes nothing.
+_SUM_ROUND_OFF = 1e-14
+
+_RATE = Number(
+    "rate_t_h", "kg/s", T_H, at_least=0.0, cure="give 0 kg/s for no feed", error=InputError
+)
+_FRACTION = Number("mass_fraction", cure="give a share of the mass", error=InputError)
+
+
+def fractions_of_passing(passing: Sequence[float]) -> tuple[float, ...]:
+    """Mass fraction of every class [1], finest first, from the cumulative passing at the limits.
+
+    N + 1 values for N classes, ascending from 0 to 1. Raises InputError.
+    """
+    values = _numbers("feed.passing", passing)
+    if len(values) < 2:
+        raise InputError("feed.passing has fewer than 2 values: give one at every class limit")
+    for place, wanted, cure in (
+        (1, 0.0, "add a finer limit to the size classes"),
+        (len(values), 1.0, "add a coarser limit to the size classes"),
+    ):
+        if abs(values[place - 1] - wanted) > SUM_TOLERANCE:
+            raise InputError(
+                f"feed.passing[{place}] = {values[place - 1]:.6g} is not {wanted:g}, all of the "
+                f"feed lies in the classes: {cure}"
+            )
+    for place in range(2, len(values) + 1):
+        if values[place - 1] < values[place - 2]:
+            raise InputError(
+                f"feed.passing[{place}] = {values[place - 1]:.6g} is smaller than "
+                f"feed.passing[{place - 1}] = {values[place - 2]:.6g}: passing never falls with "
+                "size, list it finest limit first"
+            )
+    return tuple(high - low for low, high in pairwise(values))
+
+
+def checked_fractions(mass_fraction: Sequence[float]) -> tuple[float, ...]:
+    """Mass fractions in 0..1 that sum to 1 [1], normalised where they do within 1e-3.
+
+    Raises InputError that names the first one out of range, or `feed.mass_fraction` for the sum.
+    """
+    values = []
+    for place, value in enumerate(_numbers("feed.mass_fraction", mass_fraction), start=1):
+        if not -ROUND_OFF <= value <= 1.0 + ROUND_OFF:
+            per_cent = 1.5 < value <= 100.0
+            cure = "were per cent meant? divide by 100" if per_cent else "give a share of the mass"
+            raise InputError(
+                f"feed.mass_fraction[{place}] = {value:.6g} is outside of 0 to 1: {cure}"
+            )
+        values.append(min(max(value, 0.0), 1.0))
+    total = math.fsum(values)
+    if abs(total - 1.0) > SUM_TOLERANCE:
+        raise InputError(
+            f"feed.mass_fraction = {total:.6g} in sum is not 1 within {SUM_TOLERANCE:g}: "
+            "divide every fraction by the sum"
+        )
+    if abs(total - 1.0) <= _SUM_ROUND_OFF:
+        return tuple(values)
+    return tuple(value / total for value in values)
+
+
+class _Composition(Numbers):
+    """`mass_fraction` by class, or `passing` at the limits of the classes."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return (self.key, "passing")
+
+    def read(self, name: str, raw: Any, folder: Path) -> Any:
+        if not raw:
+            raise InputError(f"{name} = {raw!r} is empty: give one value a class or leave it out")
+        return fractions_of_passing(raw) if name.endswith("passing") else raw
+
+
+@dataclass(frozen=True)
+class Feed:
+    """What falls on the feed end: mass flow rate [kg/s] and mass fraction by class, finest first.
+
+    Fractions lie in 0..1 and sum to 1 within 1e-3 (then they are normalised); they are ignored
+    while the rate is zero. Without fractions the configuration fills in a typical composition.
+    Raises InputError whose `variable` is the offending one, such as `feed.mass_fraction[3]`.
+    """
+
+    mass_flow_rate: float = field(default=300.0 * T_H, metadata=of(_RATE))
+    mass_fraction: tuple[float, ...] = field(
+        default=(), metadata=of(_Composition("mass_fraction", _FRACTION))
+    )
+
+    def __post_init__(self) -> None:
+        rate = _RATE.check("feed.mass_flow_rate", _unrounded(self.mass_flow_rate))
+        object.__setattr__(self, "mass_flow_rate", rate)
+        fractions = as_tuple(self.mass_fraction)
+        if fractions is None or (fractions and rate > 0.0):
+            fractions = checked_fractions(self.mass_fraction)
+        object.__setattr__(self, "mass_fraction", fractions)
+
+    @classmethod
+    def of_passing(cls, rate: float, passing: Sequence[float]) -> Feed:
+        """Feed of `rate` [kg/s] from the cumulative passing [1] at the limits of the classes."""
+        return cls(rate, fractions_of_passing(passing))
+
+    @property
+    def class_rates(self) -> Array:
+        """Mass flow rate of every class [kg/s], shape [N]."""
+        if self.mass_flow_rate == 0.0:
+            return np.zeros(len(self.mass_fraction))
+        return self.mass_flow_rate * np.array(self.mass_fraction)
+
+    def check_classes(self, count: int) -> None:
+        """Refuse a feed that does not have `count` size classes, with InputError."""
+        if len(self.mass_fraction) != count:
+            raise InputError(
+                f"feed.mass_fraction has {len(self.mass_fraction)} values, the screen has {count} "
+                "size classes: give one fraction a class, finest first"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Solids that flow: mass flow rate [kg/s] and mass fraction by class, finest first, shape [N].
+
+    The fractions of a stream that does not flow repeat the last ones.
+    """
+
+    mass_flow_rate: float
+    mass_fraction: Array
+
+    @classmethod
+    def of_class_rates(cls, class_rates: Array, last_fraction: Array) -> Stream:
+        """Stream from the mass flow rate of every class [kg/s], shape [N]."""
+        total = math.fsum(class_rates)
+        return cls(total, class_rates / total if total > 0.0 else last_fraction.copy())
+
+    @property
+    def class_rates(self) -> Array:
+        """Mass flow rate of every class [kg/s], shape [N]."""
+        return self.mass_flow_rate * self.mass_fraction
+
+    @property
+    def passing(self) -> Array:
+        """Cumulative mass fraction finer than every class limit [1], shape [N + 1]."""
+        return np.concatenate([[0.0], np.cumsum(self.mass_fraction)])
+
+
+def _numbers(name: str, values: Any) -> tuple[float, ...]:
+    """Values as floats; InputError for the first that is no finite number."""
+    return Numbers(name.rpartition(".")[2], _FRACTION).check(name, values)
+
+
+def _unrounded(value: Any) -> Any:
+    """Zero for what round-off left below it, anything else as it is."""
+    return 0.0 if isinstance(value, Real) and -ROUND_OFF <= float(value) < 0.0 else value
