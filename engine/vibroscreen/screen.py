@@ -124,7 +124,7 @@ class Screen:
             raise ConfigError(
                 f"deck: {len(config.decks)} decks with "
                 f"{max(len(deck.panels) for deck in config.decks)} panels: "
-                "this version runs one deck with one panel, give one [[deck]] and one [[deck.panel]]"
+                "give one [[deck]] with one [[deck.panel]], more are not supported yet"
             )
         self.config = config
         self.nodes = config.size_classes.nodes(config.apertures)
@@ -136,7 +136,7 @@ class Screen:
 
     # --- the buffer, for those who move numbers themselves ------------------------------------
     def view(self, name: str) -> Array:
-        """The field `name` of the buffer (see kernels/layout.py); writing to it writes the screen."""
+        """Field `name` of the buffer (kernels/layout.py); writing to it writes the screen."""
         return self.layout.view(self.buffer, name)
 
     def initialise(self) -> None:
@@ -183,12 +183,14 @@ class Screen:
 
         Raises InputError for a value out of range; the state is as before then.
         """
-        before = self.buffer[self.layout.section["inputs"]].copy()
+        touched = [self.view(name) for name in ("input", "fraction", "harmonic")]
+        kept = [values.copy() for values in touched]
         try:
             put_inputs(self.layout, self.buffer, feed, motion, self.config)
             self.advance(dt)
         except InputError:
-            self.buffer[self.layout.section["inputs"]] = before
+            for values, before in zip(touched, kept, strict=True):
+                values[...] = before
             raise
         return self.result()
 

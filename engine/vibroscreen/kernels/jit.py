@@ -37,7 +37,12 @@ def kernel(function: Callable[..., Any]) -> Any:
     dispatcher = njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
     if config.DISABLE_JIT:
         return dispatcher
-    dispatcher._cache._cache_file._source_stamp = SOURCE_STAMP
+    cache = dispatcher._cache
+    cache._cache_file = type(cache._cache_file)(
+        cache_path=cache._cache_path,
+        filename_base=f"{cache._impl.filename_base}-{SOURCE_STAMP[:12]}",
+        source_stamp=SOURCE_STAMP,
+    )
     resolve = dispatcher.get_call_template
 
     def resolve_plain(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:

@@ -367,6 +367,7 @@ class Layout:
             + len(INPUT)
             + known["classes"]
             + known["decks"] * known["panels"] * len(PANEL)
+            + 5 * MAX_HARMONICS
         )
         known["trial"] = (2 * known["layers"] + 2) * known["nodes"]
         offset: dict[str, int] = {}

@@ -275,6 +275,11 @@ def look(buffer, seen):
             for k in range(panel.size):
                 seen[place] = panel[k]
                 place += 1
+    harmonic = view2(buffer, int(buffer[AT_HARMONIC]), MAX_HARMONICS, 5)
+    for k in range(MAX_HARMONICS):
+        for part in range(5):
+            seen[place] = harmonic[k, part]
+            place += 1
     rate = max(0.0, inputs[FEED_RATE])
     seen[place] = rate
     fraction = class_vector(buffer, AT_FRACTION, 0)
@@ -379,7 +384,7 @@ def set_scene(buffer, deck, number, scene):
 def motion_part(buffer):
     """How many of the first numbers of `seen` are motion, parameters and panels."""
     panels = int(buffer[N_DECKS]) * int(buffer[N_PANELS])
-    return len(INPUT) - 1 + len(PARAMETER) + panels * len(PANEL)
+    return len(INPUT) - 1 + len(PARAMETER) + panels * len(PANEL) + 5 * MAX_HARMONICS
 
 
 @kernel
@@ -433,7 +438,8 @@ def displaced(buffer, now, last):
             place = first + number * len(PANEL) + k
             if now[place] != last[place]:
                 return True
-    return False
+    end = motion_part(buffer)
+    return differ(now, last, end - 5 * MAX_HARMONICS, end)
 
 
 @inlined
