@@ -308,6 +308,7 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
             "packages": room if packages else 1,
             "cells": cells,
             "layered": int(segregation.layered),
+            "bed_layers": config.bed.layers,
             "displacement_work": WORK_SIZE,
             "displacement_address": registry.model(
                 "displacement", config.displacement.model
@@ -412,6 +413,12 @@ def refusal(layout: Layout, buffer: Array) -> InputError:
             f"{given} ({value / DEG:.4g} deg, slope {math.tan(value):.4g}) is too steep for the "
             f"friction at the base ({limit:.4g}), a rigid body would run away: make the deck "
             'flatter or use displacement.model = "prescribed"',
+            name,
+        )
+    if code == lay.NO_MODEL:
+        return InputError(
+            f"{name} = {value:g} is a model that this screen was not built with: "
+            "choose it in the configuration",
             name,
         )
     if code == lay.NOT_FINITE:

@@ -174,11 +174,12 @@ def solve(
         )
     count = config.size_classes.count
     residence = config.decks[0].length / velocity
-    inputs = buffer[layout.section["inputs"]].copy()
+    setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
+    set_now = buffer[setting].copy()
     carried = config.decks[0].width * velocity
 
     def march(points: int) -> Profile:
-        buffer[layout.section["inputs"]] = inputs
+        buffer[setting] = set_now
         check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
         shape = layout.shape["column"]
         load, passed = np.zeros((points, *shape)), np.zeros((points, nodes.count))

@@ -34,6 +34,7 @@ from vibroscreen.kernels.layout import (
     AT_SOURCE,
     AT_STEP_MASS,
     AT_WIDTH,
+    BED_LAYERS,
     C_MERGES,
     C_PACKAGES,
     C_PACKAGES_SKIPPED,
@@ -50,10 +51,10 @@ from vibroscreen.kernels.layout import (
     D_PILE_OPEN,
     D_PILE_REAR,
     D_STEP,
+    LAYERED,
     LENGTH,
     N_CELLS,
     N_DECKS,
-    N_LAYERS,
     N_PACKAGES,
     N_PANELS,
     S_CONTACT_LOAD,
@@ -103,10 +104,17 @@ def cell_length(buffer, deck):
 
 
 @kernel
+def residence_time(buffer, deck, scene):
+    """Time from the feed end to the discharge, s; 0 where the deck does not convey."""
+    velocity = scene[S_TRANSPORT_VELOCITY]
+    return deck_length(buffer, deck) / velocity if velocity > 0.0 else 0.0
+
+
+@kernel
 def bed_capacity(buffer, deck):
-    """Depth that all layers together hold, m."""
+    """Depth that `bed.layers` layers together hold, m; also where a model has none of its own."""
     scene = scene_vector(buffer, AT_SCENE, deck, 0)
-    upper = (buffer[N_LAYERS] - 1.0) * scene[S_LAYER_LOAD]
+    upper = (buffer[BED_LAYERS] - 1.0) * scene[S_LAYER_LOAD]
     return (scene[S_CONTACT_LOAD] + upper) / scene[S_DENSITY]
 
 
@@ -504,7 +512,7 @@ def stream_of_covered_deck(buffer, deck, duration):
     carried = deck_width(buffer, deck) * velocity * duration
     undersize, oversize = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
     passed, lead = node_vector(buffer, AT_LEAD_PASSED, deck), column(buffer, AT_LEAD, deck)
-    if depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
+    if buffer[LAYERED] > 0.0 and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
         book[D_CAPACITY_ALARM] = 1.0
     for i in range(passed.size):
         undersize[i] += carried * passed[i]

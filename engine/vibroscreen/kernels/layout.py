@@ -236,7 +236,7 @@ LEDGER_ROWS = 6
 
 # Why a step is refused.
 ACCEPTED = 0
-NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP = 1, 2, 3, 4, 5
+NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP, NO_MODEL = 1, 2, 3, 4, 5, 6
 R_CODE, R_INDEX, R_VALUE, R_LIMIT = range(4)
 
 MAX_ORDER = 8
@@ -323,6 +323,7 @@ DIMENSION = (
     "packages",
     "cells",
     "layered",
+    "bed_layers",
     "displacement_work",
     "displacement_address",
     "passage_address",
@@ -337,6 +338,7 @@ DIMENSION = (
     N_PACKAGES,
     N_CELLS,
     LAYERED,
+    BED_LAYERS,
     N_DISPLACEMENT_WORK,
     DISPLACEMENT_ADDRESS,
     PASSAGE_ADDRESS,

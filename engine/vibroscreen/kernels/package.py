@@ -263,8 +263,8 @@ def basic_step(buffer, scene, k, layers, h):
 
 
 @kernel
-def run_trial(buffer, scene, load, k, layers, h):
-    """k + 1 basic steps over h from `load` into trial k; returns the layers after it."""
+def run_trial(buffer, scene, load, k, layers, rows, h):
+    """k + 1 basic steps over h from `load` into trial k, which uses at most `rows` layers."""
     flux = trial_flux(buffer, k)
     trial = trial_load(buffer, k)
     time = trial_time(buffer, k)
@@ -272,14 +272,26 @@ def run_trial(buffer, scene, load, k, layers, h):
     for i in range(nodes):
         flux[0, i] = 0.0
         flux[1, i] = 0.0
-    for j in range(load.shape[0]):
+    for j in range(rows):
         for i in range(nodes):
             trial[j, i] = load[j, i]
             time[j, i] = 0.0
     layers_for(buffer, scene, bed_load(load, layers))
     for _ in range(k + 1):
         layers = basic_step(buffer, scene, k, layers, h / (k + 1))
-    return layers
+
+
+@kernel
+def rows_in_use(buffer, scene, load, layers, h):
+    """Layers that a step of h may need: what lands opens new ones, nothing else does."""
+    landing = 0.0
+    source = node_vector(buffer, AT_SOURCE, 0)
+    for i in range(source.size):
+        landing += source[i]
+    if landing == 0.0:
+        return layers
+    more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
+    return max(layers, min(more, load.shape[0]))
 
 
 @kernel
@@ -372,14 +384,14 @@ def try_step(buffer, scene, load, reference, layers, h, book):
     allowed = parameter[TOLERANCE] * share
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     target = int(book[D_ORDER])
-    rows = layers
+    rows = rows_in_use(buffer, scene, load, layers, h)
+    book[D_ROWS] = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0
     for k in range(min(target + 1, MAX_ORDER)):
-        rows = max(rows, run_trial(buffer, scene, load, k, layers, h))
+        run_trial(buffer, scene, load, k, layers, rows, h)
         counter[C_SUB_STEPS] += k + 1
         extrapolate(buffer, k, rows)
-        book[D_ROWS] = rows
         used = k + 1
         if k == 0:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.deck import start_cohort
+from vibroscreen.kernels.deck import residence_time, start_cohort
 from vibroscreen.kernels.jit import inlined
 from vibroscreen.kernels.layout import (
     ACCEPTED,
@@ -47,6 +47,8 @@ def start_slice(buffer):
     """Put the slice that enters with the inputs in the buffer at the feed end; ACCEPTED or not."""
     code = prepare(buffer, False)
     if code == ACCEPTED:
+        scene = scene_vector(buffer, AT_SCENE, 0, 0)
+        scene[S_HORIZON] = residence_time(buffer, 0, scene)
         start_cohort(buffer, 0, max(0.0, scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE]))
     return code
 

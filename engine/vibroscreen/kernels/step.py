@@ -17,6 +17,7 @@ from vibroscreen.kernels.deck import (
     depth_at_feed,
     held_by_node,
     join_queue,
+    residence_time,
     start_cohort,
 )
 from vibroscreen.kernels.displacement import compose_motion, prescribed, rigid_body
@@ -98,6 +99,7 @@ from vibroscreen.kernels.layout import (
     INITIAL,
     INPUT,
     LAYER_DEPTH,
+    LAYERED,
     LEDGER_ROWS,
     M_SETTLED,
     MAX_HARMONICS,
@@ -106,6 +108,7 @@ from vibroscreen.kernels.layout import (
     N_DECKS,
     N_DISPLACEMENT_WORK,
     N_PANELS,
+    NO_MODEL,
     NOT_FINITE,
     OPEN_AREA,
     OUTPUT,
@@ -114,6 +117,8 @@ from vibroscreen.kernels.layout import (
     OVERSIZE_RATE,
     PANEL,
     PARAMETER,
+    PASSAGE_ADDRESS,
+    PASSAGE_LAW,
     PASSAGE_VELOCITY,
     R_CODE,
     R_INDEX,
@@ -139,7 +144,9 @@ from vibroscreen.kernels.layout import (
     S_THROW_NUMBER,
     S_TRANSPORT_STATUS,
     S_TRANSPORT_VELOCITY,
+    SEGREGATION_ADDRESS,
     SEGREGATION_DILATION,
+    SEGREGATION_MODEL,
     SEGREGATION_PROPORTION,
     SEGREGATION_VELOCITY,
     THROW_ANGLE,
@@ -160,6 +167,8 @@ from vibroscreen.kernels.layout import (
     scalars,
     scene_vector,
 )
+from vibroscreen.kernels.passage import PELEVIN
+from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE
 
 PRESCRIBED, RIGID_BODY = 1, 2
 STEADY_START = 2  # bed.initial
@@ -181,8 +190,8 @@ INPUT_LIMITS = (
     (DISPLACEMENT_VELOCITY, 0.0, 100.0),
 )
 PARAMETER_LIMITS = (
-    (FRICTION_DECK, 1e-6, 10.0),
-    (FRICTION_INTERNAL, 1e-6, 10.0),
+    (FRICTION_DECK, 0.0, 100.0),
+    (FRICTION_INTERNAL, 0.0, 100.0),
     (PASSAGE_VELOCITY, 0.0, 1e12),
     (SEGREGATION_VELOCITY, 0.0, 1e12),
     (SEGREGATION_DILATION, 0.0, 10.0),
@@ -190,7 +199,7 @@ PARAMETER_LIMITS = (
 )
 PANEL_LIMITS = (
     (INCLINATION, -1.5, 1.5),
-    (OPEN_AREA, 1e-9, 1.0),
+    (OPEN_AREA, 0.0, 1.0),
     (VELOCITY_FACTOR, 0.0, 100.0),
 )
 
@@ -234,6 +243,32 @@ def check_fractions(buffer):
     return ACCEPTED
 
 
+@kernel
+def check_model(buffer, index, built_in, address):
+    """Check the number of a sub-model: built in, or a user's own that is there."""
+    place = int(buffer[AT_PARAMETER]) + index
+    number = buffer[place]
+    if number < 1.0 or (number > built_in and buffer[address] <= 0.0):
+        return refuse(buffer, NO_MODEL, place, number, built_in)
+    return ACCEPTED
+
+
+@kernel
+def check_models(buffer):
+    """Check the sub-models; layers must be there if, and only if, the segregation uses them."""
+    code = check_model(buffer, PASSAGE_LAW, PELEVIN, PASSAGE_ADDRESS)
+    if code == ACCEPTED:
+        code = check_model(buffer, DISPLACEMENT_MODEL, RIGID_BODY, DISPLACEMENT_ADDRESS)
+    if code == ACCEPTED:
+        code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, SEGREGATION_ADDRESS)
+    place = int(buffer[AT_PARAMETER]) + SEGREGATION_MODEL
+    number = buffer[place]
+    if code == ACCEPTED and number <= CLASSIFIED:
+        if (buffer[LAYERED] > 0.0) != (number == EXCHANGE):
+            return refuse(buffer, NO_MODEL, place, number, CLASSIFIED)
+    return code
+
+
 @inlined
 def check(buffer):
     """Check all that may change between steps, before anything changes."""
@@ -252,8 +287,10 @@ def check(buffer):
             if code != ACCEPTED:
                 return code
     if scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE] > 0.0:
-        return check_fractions(buffer)
-    return ACCEPTED
+        code = check_fractions(buffer)
+        if code != ACCEPTED:
+            return code
+    return check_models(buffer)
 
 
 # --- what changed ------------------------------------------------------------------------------
@@ -376,8 +413,7 @@ def set_scene(buffer, deck, number, scene):
     rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
     scene[S_THROW_ANGLE] = inputs[THROW_ANGLE] + rotation
     scene[S_ELLIPTICITY], scene[S_INCLINATION] = inputs[ELLIPTICITY], panel[INCLINATION]
-    velocity = scene[S_TRANSPORT_VELOCITY]
-    scene[S_HORIZON] = deck_length(buffer, deck) / velocity if velocity > 0.0 else 0.0
+    scene[S_HORIZON] = residence_time(buffer, deck, scene)
 
 
 @kernel
@@ -429,7 +465,7 @@ def displaced(buffer, now, last):
     inputs = len(INPUT) - 1
     if differ(now, last, 0, inputs):
         return True
-    for k in (FRICTION_DECK, FRICTION_INTERNAL):
+    for k in (FRICTION_DECK, FRICTION_INTERNAL, DISPLACEMENT_MODEL):
         if now[inputs + k] != last[inputs + k]:
             return True
     first = inputs + len(PARAMETER)
@@ -495,7 +531,7 @@ def spread_feed(buffer):
 # --- ledger ------------------------------------------------------------------------------------
 @kernel
 def add_compensated(ledger_sum, ledger_rest, mass):
-    """Add `mass` to sums with their compensation (Neumaier), so that no kilogram is rounded away."""
+    """Add `mass` to sums with their compensation (Neumaier): nothing is rounded away."""
     for k in range(mass.size):
         total = ledger_sum[k] + mass[k]
         if abs(ledger_sum[k]) >= abs(mass[k]):
@@ -770,11 +806,11 @@ def initialise(buffer):
     velocity = scene_vector(buffer, AT_SCENE, 0, 0)[S_TRANSPORT_VELOCITY]
     if scalars(buffer, AT_PARAMETER, len(PARAMETER))[INITIAL] == STEADY_START and velocity > 0.0:
         move(buffer, FILLING * deck_length(buffer, 0) / velocity)
+        move(buffer, 1.0)
         count_held(buffer)
         held, initial = class_vector(buffer, AT_HELD, 0), class_vector(buffer, AT_INITIAL_MASS, 0)
         for k in range(held.size):
             initial[k] = held[k]
-        move(buffer, 1.0)
         write_streams(buffer, 1.0)
     write_state(buffer)
     return ACCEPTED
