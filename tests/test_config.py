@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from vibroscreen import config as configuration
 from vibroscreen.config import (
     Bed,

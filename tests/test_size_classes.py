@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
+
 from vibroscreen import size_classes
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError

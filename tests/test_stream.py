@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from vibroscreen.errors import InputError
 from vibroscreen.stream import ROUND_OFF, SUM_TOLERANCE, Feed, Stream, checked_fractions
 from vibroscreen.units import T_H

@@ -474,7 +474,11 @@ class Drive:
 
 @dataclass(frozen=True)
 class Solver:
-    """Bound on the error of a recovery [1]; packages: room in the state, 0 chosen by the engine."""
+    """Bound on the error of a recovery [1]; packages: room in the state, 0 chosen by the engine.
+
+    The bound holds from 1e-6 up; below, the error still falls, but may exceed it by up to 20 times
+    where layers or sizes run out.
+    """
 
     tolerance: float = field(
         default=1e-4, metadata=number("tolerance", at_least=1e-9, at_most=1e-1)

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import pandas as pd
@@ -131,7 +132,9 @@ class Screen:
         self.layout = _layout(config, self.nodes, packages=True)
         self.buffer = self.layout.buffer()
         fill(self.layout, self.buffer, config, self.nodes)
-        self._column: tuple[Layout, Array] | None = None
+        self._column = _layout(config, self.nodes, packages=False)
+        self._column_buffer = self._column.buffer()
+        fill(self._column, self._column_buffer, config, self.nodes)
         self.initialise()
 
     # --- the buffer, for those who move numbers themselves ------------------------------------
@@ -144,9 +147,14 @@ class Screen:
 
         Raises InputError as `advance` does.
         """
+        kept = self.buffer.copy()
         self.buffer[self.layout.section["outputs"]] = 0.0
         self.buffer[self.layout.section["state"]] = 0.0
-        self._check(run(self.buffer, INITIALISE, 0.0, 0.0))
+        try:
+            _accept(run(self.buffer, INITIALISE, 0.0, 0.0), self.buffer, self.layout)
+        except InputError:
+            self.buffer[:] = kept
+            raise
 
     def advance(self, duration: float) -> None:
         """Advance by `duration` s with the inputs in the buffer.
@@ -154,11 +162,11 @@ class Screen:
         Raises InputError with the name, value and limit of the first input that is out of range;
         the state is as before then.
         """
-        if not (math.isfinite(duration) and duration > 0.0):
+        if not (isinstance(duration, Real) and math.isfinite(duration) and duration > 0.0):
             raise InputError(
                 f"dt = {duration!r} s is not a finite positive time: give a step in seconds", "dt"
             )
-        self._check(run(self.buffer, ADVANCE, float(duration), 0.0))
+        _accept(run(self.buffer, ADVANCE, float(duration), 0.0), self.buffer, self.layout)
 
     @property
     def state(self) -> bytes:
@@ -188,7 +196,7 @@ class Screen:
         try:
             put_inputs(self.layout, self.buffer, feed, motion, self.config)
             self.advance(dt)
-        except InputError:
+        except Exception:
             for values, before in zip(touched, kept, strict=True):
                 values[...] = before
             raise
@@ -228,9 +236,9 @@ class Screen:
         of zero and for a deck that does not convey.
         """
         feed = feed if feed is not None else self.config.feed
-        layout, buffer = self._column_buffer()
+        layout, buffer = self._slice()
         put_inputs(layout, buffer, feed, motion or self.config.motion, self.config)
-        return solve(self.config, self.nodes, layout, buffer, feed, self._check)
+        return solve(self.config, self.nodes, layout, buffer, feed, _accept)
 
     def sieve_batch(
         self,
@@ -256,35 +264,23 @@ class Screen:
             raise InputError("times: give finite times in s in one row", "times")
         if (np.diff(instants, prepend=0.0) < 0.0).any():
             raise InputError("times: give ascending times from 0 s on", "times")
-        layout, buffer = self._column_buffer()
+        layout, buffer = self._slice()
         batch = Feed(1.0, tuple(mass_fraction))
         put_inputs(layout, buffer, batch, motion or self.config.motion, self.config)
         parameter = layout.view(buffer, "parameter")
         model = parameter[lay.DISPLACEMENT_MODEL]
         parameter[lay.DISPLACEMENT_MODEL] = PRESCRIBED
         try:
-            return sieve(self.config, self.nodes, layout, buffer, areal_mass, instants, self._check)
+            return sieve(self.config, self.nodes, layout, buffer, areal_mass, instants, _accept)
         finally:
             parameter[lay.DISPLACEMENT_MODEL] = model
 
-    def _column_buffer(self) -> tuple[Layout, Array]:
-        """A small buffer without packages, with the parameters as they are now."""
-        if self._column is None:
-            layout = _layout(self.config, self.nodes, packages=False)
-            buffer = layout.buffer()
-            fill(layout, buffer, self.config, self.nodes)
-            run(buffer, INITIALISE, 0.0, 0.0)
-            self._column = layout, buffer
-        layout, buffer = self._column
-        buffer[layout.section["parameters"]] = self.buffer[self.layout.section["parameters"]]
-        layout.view(buffer, "parameter")[lay.INITIAL] = 1.0
+    def _slice(self) -> tuple[Layout, Array]:
+        """A buffer with room for one slice only, with parameters and inputs as they are now."""
+        layout, buffer = self._column, self._column_buffer
+        for part in ("parameters", "inputs"):
+            buffer[layout.section[part]] = self.buffer[self.layout.section[part]]
         return layout, buffer
-
-    def _check(self, code: int, buffer: Array | None = None, layout: Layout | None = None) -> None:
-        """Raise what a kernel refused."""
-        if code != lay.ACCEPTED:
-            layout = layout or self.layout
-            raise refusal(layout, self.buffer if buffer is None else buffer)
 
 
 def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
@@ -292,7 +288,7 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
     cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
     cells = min(MOST_CELLS, max(LEAST_CELLS, cells))
     segregation = registry.model("segregation", config.segregation.model)
-    room = config.solver.packages or 2 * cells + 16
+    room = config.solver.packages or 4 * cells + 16
     if packages and room < cells + 4:
         raise ConfigError(
             f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
@@ -396,6 +392,12 @@ def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
     return f"deck[{deck + 1}].panel[{panel + 1}].{name}", unit, cure
 
 
+def _accept(code: int, buffer: Array, layout: Layout) -> None:
+    """Raise what a kernel refused."""
+    if code != lay.ACCEPTED:
+        raise refusal(layout, buffer)
+
+
 def refusal(layout: Layout, buffer: Array) -> InputError:
     """The error that says what a kernel refused."""
     code, index, value, limit = layout.view(buffer, "refusal").tolist()
@@ -413,6 +415,12 @@ def refusal(layout: Layout, buffer: Array) -> InputError:
             f"{given} ({value / DEG:.4g} deg, slope {math.tan(value):.4g}) is too steep for the "
             f"friction at the base ({limit:.4g}), a rigid body would run away: make the deck "
             'flatter or use displacement.model = "prescribed"',
+            name,
+        )
+    if code == lay.NO_VELOCITY:
+        return InputError(
+            f"{name} = {layout.view(buffer, 'parameter')[lay.DISPLACEMENT_MODEL]:g} gives a bed "
+            f"velocity of {value:g} m/s, which is not finite: mend the displacement model",
             name,
         )
     if code == lay.NO_MODEL:

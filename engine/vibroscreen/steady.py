@@ -165,13 +165,7 @@ def solve(
     check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
     velocity = float(layout.view(buffer, "scene")[0, 0, lay.S_TRANSPORT_VELOCITY])
     if velocity <= 0.0:
-        raise InputError(
-            f"motion.frequency = {layout.view(buffer, 'input')[lay.FREQUENCY]:.6g} Hz, "
-            f"motion.amplitude = {layout.view(buffer, 'input')[lay.AMPLITUDE]:.6g} m do not convey "
-            "(bed velocity 0 m/s), so there is no steady state: raise them, turn the throw angle "
-            "down-slope, or give displacement.velocity to the model prescribed",
-            "motion.frequency",
-        )
+        raise _no_conveying(config, layout, buffer)
     count = config.size_classes.count
     residence = config.decks[0].length / velocity
     setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
@@ -214,6 +208,25 @@ def solve(
         fine,
         coarse,
         march,
+    )
+
+
+def _no_conveying(config: ScreenConfig, layout: Layout, buffer: Array) -> InputError:
+    """What to say of a deck that does not convey."""
+    inputs = layout.view(buffer, "input")
+    frequency, amplitude = inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE]
+    velocity = inputs[lay.DISPLACEMENT_VELOCITY]
+    if config.displacement.model == "prescribed" and velocity == 0.0:
+        return InputError(
+            "displacement.velocity = 0 m/s does not convey, so there is no steady state: give the "
+            "velocity of the bed",
+            "displacement.velocity",
+        )
+    return InputError(
+        f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
+        "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "
+        'angle down-slope, or use displacement.model = "prescribed"',
+        "motion.frequency",
     )
 
 

@@ -27,6 +27,7 @@ from vibroscreen.kernels.layout import (
     AT_LENGTH,
     AT_LOAD,
     AT_PACE,
+    AT_PARAMETER,
     AT_PARTIAL,
     AT_QUEUE,
     AT_REFERENCE,
@@ -57,12 +58,14 @@ from vibroscreen.kernels.layout import (
     N_DECKS,
     N_PACKAGES,
     N_PANELS,
+    PARAMETER,
     S_CONTACT_LOAD,
     S_DENSITY,
     S_LAYER_LOAD,
     S_PASSAGE_VELOCITY,
     S_SEGREGATION_VELOCITY,
     S_TRANSPORT_VELOCITY,
+    TOLERANCE,
     column,
     deck_vector,
     node_vector,
@@ -74,9 +77,9 @@ from vibroscreen.kernels.layout import (
 )
 from vibroscreen.kernels.package import bed_load, integrate, restack
 
-# A feed piles up where it would lie this many times deeper than all layers together.
-PILE_DEPTHS = 8.0
-# A ride below this part of a step is round-off of a position.
+# A feed piles up where it would lie deeper than this part of the deck's length.
+PILE_DEPTH = 0.5
+# A package moved by less than this part of a length has moved by round-off.
 MOMENT = 1e-9
 # Two pieces become one package up to this part over the length of a cell.
 JOIN = 1.0 + 1e-9
@@ -147,7 +150,7 @@ def give_back(buffer, deck, index):
 def new_slot(buffer, deck):
     """A free slot, emptied; merges neighbours of the queue if there is none."""
     if free_slots(buffer, deck) == 0:
-        merge_shortest(buffer, deck)
+        merge_likest(buffer, deck)
     index = int(package_vector(buffer, AT_FREE, deck)[free_slots(buffer, deck) - 1])
     whole = slot(buffer, deck, index)
     load = column(buffer, AT_LOAD, whole)
@@ -208,18 +211,53 @@ def merge_into(buffer, deck, place):
 
 
 @kernel
-def merge_shortest(buffer, deck):
-    """Merge the two neighbours of the queue that are shortest together."""
+def unlikeness(buffer, deck, one, two):
+    """How much two packages differ: largest difference of a node, as a part of what was fed."""
+    used = package_vector(buffer, AT_LAYERS_USED, deck)
+    load = column(buffer, AT_LOAD, slot(buffer, deck, one))
+    other = column(buffer, AT_LOAD, slot(buffer, deck, two))
+    reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, one))
+    fed = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, two))
+    layers = int(max(used[one], used[two]))
+    worst = 0.0
+    for i in range(reference.size):
+        difference = 0.0
+        for j in range(layers):
+            difference += load[j, i] - other[j, i]
+        scale = max(reference[i], fed[i])
+        if scale > 0.0:
+            worst = max(worst, abs(difference) / scale)
+    return worst
+
+
+@kernel
+def merge_likest(buffer, deck):
+    """Merge the two neighbours whose mixing matters least; says so where it matters.
+
+    Rates are smooth, so what mixing changes is of second order in the difference.
+    """
     book = deck_vector(buffer, deck)
     length = package_vector(buffer, AT_LENGTH, deck)
-    best, shortest = 0, 1e300
+    best, least = 0, 1e300
     for place in range(int(book[D_PACKAGES]) - 1):
-        together = (
-            length[queue_slot(buffer, deck, place)] + length[queue_slot(buffer, deck, place + 1)]
-        )
-        if together < shortest:
-            best, shortest = place, together
+        one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
+        together = length[one] + length[two]
+        weight = length[one] * length[two] / together if together > 0.0 else 0.0
+        # Length breaks the tie of packages that are alike.
+        cost = unlikeness(buffer, deck, one, two) ** 2 * weight + 1e-12 * together
+        if cost < least:
+            best, least = place, cost
+    one, two = queue_slot(buffer, deck, best), queue_slot(buffer, deck, best + 1)
+    if not alike(buffer, deck, one, two):
+        book[D_CAPACITY_ALARM] = 1.0
     merge_into(buffer, deck, best)
+
+
+@kernel
+def alike(buffer, deck, one, two):
+    """Whether mixing two packages changes a recovery by less than the tolerance."""
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+    return unlikeness(buffer, deck, one, two) ** 2 <= tolerance
 
 
 # --- the queue ---------------------------------------------------------------------------------
@@ -295,30 +333,46 @@ def idle(buffer, deck, index):
     return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) == 0.0
 
 
+@kernel
+def shed(buffer, deck, index):
+    """Let what is left of a package fall over the deck's end at once."""
+    load = column(buffer, AT_LOAD, slot(buffer, deck, index))
+    length = package_vector(buffer, AT_LENGTH, deck)
+    area = deck_width(buffer, deck) * length[index]
+    oversize = node_vector(buffer, AT_STEP_MASS, 1)
+    for j in range(int(package_vector(buffer, AT_LAYERS_USED, deck)[index])):
+        for i in range(oversize.size):
+            oversize[i] += area * load[j, i]
+    length[index] = 0.0
+
+
 @inlined
 def advance_package(buffer, deck, index, rear, duration):
     """Move a package whose rear is at `rear` for `duration` s; returns its length on the deck."""
     length = package_vector(buffer, AT_LENGTH, deck)
     end = deck_length(buffer, deck)
     velocity = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
-    whole = duration
-    over = duration
+    whole, over = duration, 0.0  # time as a whole on the deck, then while it is discharged
     rest = length[index]
     if velocity > 0.0:
         whole = min(duration, max(0.0, (end - rear - length[index]) / velocity))
-        over = min(duration, max(0.0, (end - rear) / velocity))
-        if over > whole:
-            rest = 0.0 if over < duration else max(0.0, end - rear - velocity * duration)
-            rest = min(rest, length[index])
-        if whole < MOMENT * duration:
+        if whole < MOMENT * length[index] / velocity:
             whole = 0.0
+        over = min(duration, max(0.0, (end - rear) / velocity)) - whole
+        rest = min(rest, end - rear - velocity * duration)
+        if rest < MOMENT * cell_length(buffer, deck):
+            rest = 0.0
     if idle(buffer, deck, index):
         vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES_SKIPPED] += 1.0
+        if rest == 0.0:
+            shed(buffer, deck, index)
         length[index] = rest
         return rest
     ride(buffer, deck, index, whole)
-    if over > whole and rest < length[index]:
-        discharge(buffer, deck, index, over - whole, rest)
+    if rest < length[index] and over > 0.0:
+        discharge(buffer, deck, index, over, rest)
+    elif rest == 0.0:
+        shed(buffer, deck, index)
     return rest
 
 
@@ -439,18 +493,12 @@ def append_piece(buffer, deck, length):
 
 @kernel
 def join_neighbours(buffer, deck, place):
-    """Merge the packages at `place` and behind it where together they are no longer than a cell.
-
-    Two empty ones always merge.
-    """
+    """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
     length = package_vector(buffer, AT_LENGTH, deck)
     one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
+    empty = package_load(buffer, deck, place) + package_load(buffer, deck, place + 1) == 0.0
     short = length[one] + length[two] <= cell_length(buffer, deck) * JOIN
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
-    loads = bed_load(column(buffer, AT_LOAD, slot(buffer, deck, one)), int(used[one])) + bed_load(
-        column(buffer, AT_LOAD, slot(buffer, deck, two)), int(used[two])
-    )
-    if short or loads == 0.0:
+    if empty or (short and alike(buffer, deck, one, two)):
         merge_into(buffer, deck, place)
 
 
@@ -559,7 +607,7 @@ def advance_deck(buffer, deck, duration):
     scene = scene_vector(buffer, AT_SCENE, deck, 0)
     velocity = scene[S_TRANSPORT_VELOCITY]
     rate = book[D_COHORT_FED]
-    deepest = PILE_DEPTHS * bed_capacity(buffer, deck) * scene[S_DENSITY]
+    deepest = PILE_DEPTH * deck_length(buffer, deck) * scene[S_DENSITY]
     heavy = rate > 0.0 and rate >= deck_width(buffer, deck) * velocity * deepest
     left = duration
     while left > 0.0:

@@ -194,7 +194,7 @@ def passage_rates(buffer, scene, load, layers, rate):
     passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, rate)
     strength = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * scene[S_COVER]
     for i in range(size.size):
-        rate[i] *= strength * contact[i]
+        rate[i] = max(0.0, rate[i]) * strength * contact[i]
 
 
 @kernel

@@ -109,6 +109,7 @@ from vibroscreen.kernels.layout import (
     N_DISPLACEMENT_WORK,
     N_PANELS,
     NO_MODEL,
+    NO_VELOCITY,
     NOT_FINITE,
     OPEN_AREA,
     OUTPUT,
@@ -198,7 +199,7 @@ PARAMETER_LIMITS = (
     (SEGREGATION_PROPORTION, 0.0, 1.0),
 )
 PANEL_LIMITS = (
-    (INCLINATION, -1.5, 1.5),
+    (INCLINATION, -0.5 * pi, 0.5 * pi),
     (OPEN_AREA, 0.0, 1.0),
     (VELOCITY_FACTOR, 0.0, 100.0),
 )
@@ -386,6 +387,9 @@ def set_transport(buffer, deck, number, scene):
         friction = scalars(buffer, AT_DRIVE_SETTING, 4)[2]
         panel = panel_vector(buffer, deck, number)
         return refuse(buffer, TOO_STEEP, place + INCLINATION, panel[INCLINATION], friction)
+    if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
+        place = int(buffer[AT_PARAMETER]) + DISPLACEMENT_MODEL
+        return refuse(buffer, NO_VELOCITY, place, result[0], 0.0)
     scene[S_TRANSPORT_VELOCITY] = max(0.0, result[0])
     scene[S_DISSIPATION] = result[4]
     scene[S_THROW_NUMBER] = result[5]
