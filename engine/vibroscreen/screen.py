@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, run
+from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.step import PRESCRIBED
 from vibroscreen.motion import Motion
@@ -27,6 +29,7 @@ from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
 
 Array = NDArray[np.float64]
+_LOG = logging.getLogger(__name__)
 
 # A package is never longer than this part of the deck, less where the tolerance asks for it.
 LEAST_CELLS = 64
@@ -127,6 +130,8 @@ class Screen:
                 f"{max(len(deck.panels) for deck in config.decks)} panels: "
                 "give one [[deck]] with one [[deck.panel]], more are not supported yet"
             )
+        if not is_ready(run):
+            _LOG.warning("vibroscreen compiles its kernels, once a version: about a minute")
         self.config = config
         self.nodes = config.size_classes.nodes(config.apertures)
         self.layout = _layout(config, self.nodes, packages=True)

@@ -61,6 +61,15 @@ def inlined(function: Callable[..., Any]) -> Any:
     return njit(inline="always", error_model="numpy")(function)
 
 
+def is_ready(dispatcher: Any) -> bool:
+    """Whether a kernel runs at once: compiled in this process or kept by an earlier one."""
+    return (
+        bool(config.DISABLE_JIT)
+        or bool(dispatcher.signatures)
+        or Path(dispatcher._cache._cache_file._index_path).exists()
+    )
+
+
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
 
