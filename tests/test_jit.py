@@ -88,14 +88,14 @@ def test_constant_arguments_do_not_compile_anew() -> None:
     assert len(twice.signatures) == 1
 
 
-def test_a_kernel_says_whether_it_is_ready() -> None:
+def test_a_kernel_says_whether_it_is_ready(tmp_path: Path) -> None:
     """People are told before they wait for the compiler, and not when they need not wait."""
 
     @jit.kernel
     def half(x):
         return 0.5 * x
 
-    half._cache._cache_file._index_path = "/there/is/no/such/index"
+    half._cache._cache_file._index_path = str(tmp_path / "index.nbi")
     assert not jit.is_ready(half)
     assert half(3.0) == 1.5
     assert jit.is_ready(half)

@@ -322,9 +322,11 @@ class Material:
             cure="were t/m3 meant? give bulk_density_kg_m3 in kg/m3, 10 to 25000",
         ),
     )
-    friction_deck: float = field(default=0.5, metadata=number("friction_deck", at_least=0.0))
+    friction_deck: float = field(
+        default=0.5, metadata=number("friction_deck", at_least=0.0, at_most=100.0)
+    )
     friction_internal: float = field(
-        default=0.6, metadata=number("friction_internal", at_least=0.0)
+        default=0.6, metadata=number("friction_internal", at_least=0.0, at_most=100.0)
     )
 
     def __post_init__(self) -> None:

@@ -7,12 +7,15 @@ the two products by size, in any common unit.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.kernels.step import partition_size
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,8 @@ class Partition:
 
     def frame(self) -> pd.DataFrame:
         """Table of size [m] and part to the oversize [1]."""
+        import pandas as pd
+
         return pd.DataFrame({"size_m": self.size, "to_oversize": self.to_oversize})
 
 

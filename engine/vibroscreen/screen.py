@@ -8,9 +8,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from vibroscreen.config import ScreenConfig
@@ -27,6 +27,9 @@ from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import SteadyResult, sieve, solve
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
@@ -220,6 +223,8 @@ class Screen:
 
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""
+        import pandas as pd
+
         ledger = self.view("ledger")
         whole = {"initial": self.view("initial_mass").copy()}
         for name, row in (("fed", lay.FED), ("undersize", lay.UNDER), ("oversize", lay.OVER)):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from vibroscreen import performance
@@ -18,6 +18,9 @@ from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Check = Callable[[int, Array, Layout], None]
@@ -48,6 +51,8 @@ class Profile:
 
     def frame(self) -> pd.DataFrame:
         """Long table: position_m, layer (from 1 on the screen), size_class, load_kg_m2."""
+        import pandas as pd
+
         points, layers, classes = np.indices(self.load.shape)
         return pd.DataFrame(
             {
@@ -131,6 +136,8 @@ class SteadyResult:
 
     def frame(self) -> pd.DataFrame:
         """Table by class: limits [m], feed, undersize, oversize [kg/s], recovery [1]."""
+        import pandas as pd
+
         classes = self.config.size_classes
         return pd.DataFrame(
             {

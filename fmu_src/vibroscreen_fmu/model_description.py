@@ -1,0 +1,126 @@
+"""modelDescription.xml (FMI 2.0.3, co-simulation) from the table of ports."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from uuid import UUID
+
+from lxml import etree
+from pythonfmu.fmi2slave import Fmi2Slave
+
+from vibroscreen_fmu.ports import ENUMERATIONS, UNITS, Port
+
+__all__ = ["MODEL_NAME", "model_description"]
+
+MODEL_NAME = "VibratingScreen"
+# Ten minutes of operation in steps of a second: a circuit settles and shows its dynamics.
+STOP_TIME, STEP_SIZE = 600.0, 1.0
+# What the python runtime can do; what it cannot is false by default.
+CAPABILITIES = (
+    "needsExecutionTool",
+    "canHandleVariableCommunicationStepSize",
+    "canNotUseMemoryManagementFunctions",
+    "canGetAndSetFMUstate",
+    "canSerializeFMUstate",
+)
+
+
+def model_description(ports: Iterable[Port], description: str) -> bytes:
+    """The XML file; its GUID is a hash of all the rest, so that equal contracts have equal ones."""
+    table = tuple(ports)
+    nameless = _xml(table, description, guid="")
+    guid = UUID(bytes=hashlib.sha256(nameless).digest()[:16])
+    return _xml(table, description, guid=f"{{{guid}}}")
+
+
+def _xml(ports: tuple[Port, ...], description: str, guid: str) -> bytes:
+    root = etree.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=MODEL_NAME,
+        guid=guid,
+        description=description,
+        license="MIT",
+        generationTool="vibroscreen with pythonfmu",
+        variableNamingConvention="structured",
+    )
+    flags = dict.fromkeys(CAPABILITIES, "true")
+    etree.SubElement(root, "CoSimulation", modelIdentifier=MODEL_NAME, **flags)
+    _add_units(etree.SubElement(root, "UnitDefinitions"), ports)
+    _add_types(etree.SubElement(root, "TypeDefinitions"))
+    categories = etree.SubElement(root, "LogCategories")
+    for name, text in Fmi2Slave.log_categories.items():
+        etree.SubElement(categories, "Category", name=name, description=text)
+    etree.SubElement(
+        root, "DefaultExperiment", startTime="0", stopTime=repr(STOP_TIME), stepSize=repr(STEP_SIZE)
+    )
+    variables = etree.SubElement(root, "ModelVariables")
+    for port in ports:
+        _add_variable(variables, port)
+    structure = etree.SubElement(root, "ModelStructure")
+    outputs = [place for place, port in enumerate(ports, 1) if port.causality == "output"]
+    # Outputs change only when a step or the initialisation ends: they follow from the state alone,
+    # and a master that closes a loop over them meets no algebraic loop.
+    for title in ("Outputs", "InitialUnknowns"):
+        unknowns = etree.SubElement(structure, title)
+        for place in outputs:
+            etree.SubElement(
+                unknowns, "Unknown", index=str(place), dependencies="", dependenciesKind=""
+            )
+    xml: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    return xml
+
+
+def _add_units(parent: etree._Element, ports: tuple[Port, ...]) -> None:
+    used = {port.unit for port in ports if port.kind == "Real"}
+    for name, unit in UNITS.items():
+        if name in used:
+            element = etree.SubElement(parent, "Unit", name=name)
+            exponents = {base: str(power) for base, power in unit.base.items()}
+            etree.SubElement(element, "BaseUnit", **exponents)
+            if unit.display:
+                factor = f"{1.0 / unit.display_size:.16g}"  # 3.6, not 3.5999999999999996
+                etree.SubElement(element, "DisplayUnit", name=unit.display, factor=factor)
+
+
+def _add_types(parent: etree._Element) -> None:
+    for variable, enumeration in ENUMERATIONS.items():
+        kind = etree.SubElement(
+            parent, "SimpleType", name=enumeration.name, description=f"Choice of {variable}"
+        )
+        items = etree.SubElement(kind, "Enumeration")
+        for value, (name, text) in enumerate(enumeration.items, 1):
+            etree.SubElement(items, "Item", name=name, value=str(value), description=text)
+
+
+def _add_variable(parent: etree._Element, port: Port) -> None:
+    variable = etree.SubElement(
+        parent,
+        "ScalarVariable",
+        name=port.name,
+        valueReference=str(port.reference),
+        description=port.description,
+        causality=port.causality,
+        variability=port.variability,
+    )
+    # An input has no `initial`: the standard forbids it.
+    if port.causality != "input":
+        variable.set("initial", "calculated" if port.start is None else "exact")
+    kind = etree.SubElement(variable, port.kind)
+    if port.enumeration:
+        kind.set("declaredType", port.enumeration.name)
+    if port.kind == "Real":
+        _set_unit(kind, port)
+    for attribute, value in (("min", port.least), ("max", port.most), ("start", port.start)):
+        if value is not None:
+            kind.set(attribute, repr(value) if port.kind == "Real" else str(int(value)))
+
+
+def _set_unit(kind: etree._Element, port: Port) -> None:
+    unit = UNITS[port.unit]
+    kind.set("unit", port.unit)
+    if port.display and unit.display:
+        kind.set("displayUnit", unit.display)
+    if unit.nominal != 1.0:
+        kind.set("nominal", repr(unit.nominal))

@@ -1,0 +1,410 @@
+"""Every FMI variable of a screen, said once: name, place, type, unit, limits and meaning.
+
+The value reference of a variable is its place in the buffer, counted from the first parameter:
+parameters, inputs and outputs lie there in a row. Names, units and limits that the engine knows are
+taken from it; rows follow decks, panels and size classes, so that more of them are only more rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibroscreen.config import Bed, ScreenConfig
+from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
+from vibroscreen.kernels.layout import DIMENSION, INPUT, OUTPUT, PANEL, PARAMETER, Layout
+from vibroscreen.kernels.registry import BUILT_IN
+from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
+from vibroscreen.screen import VARIABLE, fill
+from vibroscreen.units import DEG, KW, MM, RPM, T_H, T_M3, TONNE
+
+__all__ = ["ENUMERATIONS", "UNITS", "Enumeration", "Port", "Unit", "ports"]
+
+Steps = tuple[str | int, ...]
+Limits = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit by its base units; how people at a plant see it: a name and its size in the unit."""
+
+    base: Mapping[str, int]
+    display: str | None = None
+    display_size: float = 1.0
+    nominal: float = 1.0
+
+
+UNITS = {
+    "1": Unit({}),
+    "kg/s": Unit({"kg": 1, "s": -1}, "t/h", T_H, nominal=100.0),
+    "kg": Unit({"kg": 1}, "t", TONNE, nominal=1000.0),
+    "m": Unit({"m": 1}, "mm", MM, nominal=0.01),
+    "m/s": Unit({"m": 1, "s": -1}, nominal=0.1),
+    "rad": Unit({"rad": 1}, "deg", DEG),
+    "Hz": Unit({"s": -1}, "1/min", RPM, nominal=10.0),
+    "kg/m3": Unit({"kg": 1, "m": -3}, "t/m3", T_M3, nominal=1000.0),
+    "W": Unit({"kg": 1, "m": 2, "s": -3}, "kW", KW, nominal=10_000.0),
+}
+
+
+@dataclass(frozen=True)
+class Enumeration:
+    """A choice: the name of its type, and its items (name, meaning), numbered from 1."""
+
+    name: str
+    items: tuple[tuple[str, str], ...]
+
+
+def _enumeration(name: str, items: tuple[str, ...], *meanings: str) -> Enumeration:
+    return Enumeration(name, tuple(zip(items, meanings, strict=True)))
+
+
+def _choices(entry: Entry) -> tuple[str, ...]:
+    assert isinstance(entry, Choice)
+    return entry.names()
+
+
+ENUMERATIONS = {
+    "passage.law": _enumeration(
+        "PassageLaw",
+        BUILT_IN["passage"],
+        "every grain tries an opening alone",
+        "a fine grain may pass together with another one",
+    ),
+    "segregation.model": _enumeration(
+        "SegregationModel",
+        BUILT_IN["segregation"],
+        "the bed has the same composition at every height",
+        "a given share of the bed is sorted, the rest is mixed",
+        "layers exchange grains as fine ones percolate through the gaps between coarse ones",
+        "the finest grains lie on the screen at once",
+    ),
+    "displacement.model": _enumeration(
+        "DisplacementModel",
+        BUILT_IN["displacement"],
+        "the bed moves at displacement.velocity",
+        "the bed moves as a rigid body on the vibrating deck",
+    ),
+    "bed.initial": _enumeration(
+        "InitialBed",
+        _choices(entries(Bed)["initial"]),
+        "the decks are empty at the start",
+        "the decks are full of the feed given at the start",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Port:
+    """An FMI variable.
+
+    reference: value reference, the place in the buffer from the first parameter on. kind: FMI type.
+    display: whether it is shown in the unit's display unit. least and most: limits, None where
+    there is none. start: None for what is calculated. path: where a parameter sits in ScreenConfig.
+    """
+
+    name: str
+    reference: int
+    description: str
+    causality: str
+    variability: str
+    kind: str
+    unit: str
+    display: bool
+    least: float | None
+    most: float | None
+    start: float | None
+    enumeration: Enumeration | None
+    path: Steps
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    """What a reader is told about a variable, and how it behaves."""
+
+    description: str
+    variability: str = "fixed"
+    kind: str = "Real"
+    display: bool = True
+
+
+_TUNABLE = "tunable"
+
+_PARAMETERS = {
+    "bulk_density": _Meaning("Mass of the bed over the volume it fills"),
+    "friction_deck": _Meaning("Friction coefficient between bed and deck", _TUNABLE),
+    "friction_internal": _Meaning("Friction coefficient inside the bed", _TUNABLE),
+    "passage_law": _Meaning("How the chance of a grain to pass follows from its size"),
+    "passage_velocity": _Meaning(
+        "Velocity at which grains fall through the openings; scales how fast the screen works",
+        _TUNABLE,
+    ),
+    "segregation_model": _Meaning("How fine grains find their way down through the bed"),
+    "segregation_velocity": _Meaning(
+        "Velocity at which fine grains percolate down through the bed", _TUNABLE
+    ),
+    "segregation_dilation": _Meaning(
+        "Extra distance between grains by shaking; opens the gaps for fine grains", _TUNABLE
+    ),
+    "segregation_proportion": _Meaning(
+        "Sorted share of the bed, used by the segregation model proportional", _TUNABLE
+    ),
+    "displacement_model": _Meaning("How the velocity of the bed along the deck is found"),
+    "contact_depth": _Meaning("Depth of the layer from which grains can reach the openings"),
+    "layer_depth": _Meaning("Depth of the layers above, the mixing length of the bed"),
+    "initial": _Meaning("What lies on the decks at the start"),
+    "vibrating_mass": _Meaning("Mass of the vibrating box"),
+    "bearing_friction": _Meaning("Friction coefficient of the exciter's bearings"),
+    "bearing_diameter": _Meaning("Diameter at which the bearings rub"),
+    "drive_efficiency": _Meaning("Mechanical over electric power of the drive"),
+    "tolerance": _Meaning("Bound on the numerical error of a recovery"),
+    "subdivision": _Meaning(
+        "Sizes that stand for a class: 1 its mean, 0 chosen by the engine", "constant", "Integer"
+    ),
+}
+_PANELS = {
+    "length": _Meaning("Length of the panel along the deck", display=False),
+    "inclination": _Meaning("Inclination of the panel, positive down to the discharge", _TUNABLE),
+    "aperture": _Meaning("Clear opening of the screening medium"),
+    "open_area": _Meaning(
+        "Useful openings over the area of the panel; less when they blind", _TUNABLE
+    ),
+    "velocity_factor": _Meaning(
+        "Factor on the velocity of the bed, used by the displacement model prescribed", _TUNABLE
+    ),
+}
+_INPUTS = {
+    "feed_rate": _Meaning("Feed to the top deck"),
+    "frequency": _Meaning("Frequency of the vibration"),
+    "amplitude": _Meaning("Amplitude of the vibration: semi-major axis, half the stroke"),
+    "throw_angle": _Meaning("Direction of the vibration over the top deck's first panel"),
+    "ellipticity": _Meaning(
+        "Shape of the orbit: 0 linear, 1 circular with the flow, -1 circular against it"
+    ),
+    "displacement_velocity": _Meaning(
+        "Velocity of the bed along the deck, used by the displacement model prescribed"
+    ),
+}
+
+
+def _alarm(description: str) -> _Meaning:
+    return _Meaning(description, "discrete", "Boolean")
+
+
+# Outputs: name, unit and meaning.
+_OUTPUTS = {
+    "undersize_rate": (
+        "undersize.mass_flow_rate",
+        "kg/s",
+        _Meaning("What falls through the lowest deck, mean over the last step"),
+    ),
+    "oversize_rate": (
+        "oversize.mass_flow_rate",
+        "kg/s",
+        _Meaning("What leaves over the top deck, mean over the last step"),
+    ),
+    "feed_mass": ("feed.mass", "kg", _Meaning("Fed since the start")),
+    "undersize_mass": ("undersize.mass", "kg", _Meaning("Undersize since the start")),
+    "oversize_mass": ("oversize.mass", "kg", _Meaning("Oversize since the start")),
+    "hold_up": ("bed.hold_up", "kg", _Meaning("What lies on all decks")),
+    "depth_feed": ("bed.depth_feed", "m", _Meaning("Depth of the top deck's bed at the feed end")),
+    "depth_discharge": (
+        "bed.depth_discharge",
+        "m",
+        _Meaning("Depth of the top deck's bed at the discharge"),
+    ),
+    "transport_velocity": (
+        "bed.transport_velocity",
+        "m/s",
+        _Meaning("Velocity of the bed along the first panel of the top deck"),
+    ),
+    "throw_number": (
+        "motion.throw_number",
+        "1",
+        _Meaning("Largest acceleration normal to the deck over that of gravity; throws above 1"),
+    ),
+    "undersize_recovery": (
+        "performance.undersize_recovery",
+        "1",
+        _Meaning("Share of the feed finer than the aperture that fell through in the last step"),
+    ),
+    "cut_size": (
+        "performance.cut_size",
+        "m",
+        _Meaning("Size of which half leaves over the deck"),
+    ),
+    "ecart_probable": (
+        "performance.ecart_probable",
+        "m",
+        _Meaning("Half the distance between the sizes of which 75 % and 25 % leave over the deck"),
+    ),
+    "drive_power": ("drive.power", "W", _Meaning("Electric power of the drive")),
+    "balance_error": (
+        "balance.error",
+        "kg",
+        _Meaning("Fed less discharged less held since the start: round-off only"),
+    ),
+    "alarm_bed_depth": (
+        "alarm.bed_depth",
+        "1",
+        _alarm("The bed is deeper than four apertures at the discharge"),
+    ),
+    "alarm_capacity": (
+        "alarm.capacity",
+        "1",
+        _alarm("The bed is deeper than the layers of the model can hold"),
+    ),
+    "alarm_transport": (
+        "alarm.transport",
+        "1",
+        _alarm("The vibration does not convey the bed down the deck"),
+    ),
+    "alarm_performance": (
+        "alarm.performance",
+        "1",
+        _alarm("Cut size or ecart probable lie outside of the size classes"),
+    ),
+}
+_LIMITS_OF_INPUT = {
+    INPUT[index]: (0.0 if least == -ROUND_OFF else least, most)
+    for index, least, most in INPUT_LIMITS
+}
+_STREAMS = {
+    "undersize": "Mass fraction of class {} in what falls through the lowest deck",
+    "oversize": "Mass fraction of class {} in what leaves over the top deck",
+}
+_FRACTION_LIMITS = (0.0, 1.0)
+_NO_LIMITS: Limits = (None, None)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A variable before it has a place: which number of which field of the buffer it is."""
+
+    name: str
+    place: tuple[str, *tuple[int, ...]]
+    causality: str
+    unit: str
+    meaning: _Meaning
+    limits: Limits = _NO_LIMITS
+    path: Steps = ()
+
+
+def ports(config: ScreenConfig) -> tuple[Port, ...]:
+    """The FMI variables of a screen in the order of their value references."""
+    nodes = config.size_classes.nodes(config.apertures)
+    # Room for the state does not matter here: it lies behind the variables.
+    given = {
+        "classes": config.size_classes.count,
+        "nodes": nodes.count,
+        "decks": len(config.decks),
+        "panels": max(len(deck.panels) for deck in config.decks),
+    }
+    layout = Layout(dict.fromkeys(DIMENSION, 1) | given)
+    buffer = layout.buffer()
+    fill(layout, buffer, config, nodes)
+    first = layout.section["parameters"].start
+
+    def port(row: _Row) -> Port:
+        title, *index = row.place
+        place = layout.offset[title] + int(np.ravel_multi_index(index, layout.shape[title]))
+        enumeration = ENUMERATIONS.get(row.name)
+        return Port(
+            name=row.name,
+            reference=place - first,
+            description=row.meaning.description,
+            causality=row.causality,
+            variability=row.meaning.variability,
+            kind="Enumeration" if enumeration else row.meaning.kind,
+            unit=row.unit,
+            display=row.meaning.display,
+            least=row.limits[0],
+            most=row.limits[1],
+            start=None if row.causality == "output" else float(buffer[place]),
+            enumeration=enumeration,
+            path=row.path,
+        )
+
+    rows = (*_parameters(config), *_inputs(config), *_outputs(config))
+    return tuple(sorted(map(port, rows), key=lambda port: port.reference))
+
+
+def _parameters(config: ScreenConfig) -> Iterator[_Row]:
+    for index, scalar in enumerate(PARAMETER):
+        name, unit, _ = VARIABLE["parameter", scalar]
+        meaning = _PARAMETERS[scalar]
+        causality = "local" if meaning.variability == "constant" else "parameter"
+        path: Steps = tuple(name.split("."))
+        limits = _limits(path)
+        yield _Row(name, ("parameter", index), causality, unit or "1", meaning, limits, path)
+    for i in range(config.size_classes.count):
+        for title, edge in (("lower", i), ("upper", i + 1)):
+            meaning = _Meaning(f"{title.capitalize()} limit of size class {i + 1}")
+            path = ("size_classes", "edges", edge)
+            name = f"size_class[{i + 1}].{title}"
+            yield _Row(name, (title, i), "parameter", "m", meaning, _limits(path), path)
+    for d, deck in enumerate(config.decks):
+        path = ("decks", d, "width")
+        meaning = _Meaning(f"Width of deck {d + 1}, counted from the top", display=False)
+        name = f"deck[{d + 1}].width"
+        yield _Row(name, ("width", d), "parameter", "m", meaning, _limits(path), path)
+        for p in range(len(deck.panels)):
+            for index, scalar in enumerate(PANEL):
+                short, unit, _ = VARIABLE["panel", scalar]
+                path = ("decks", d, "panels", p, scalar)
+                name = f"deck[{d + 1}].panel[{p + 1}].{short}"
+                place = ("panel", d, p, index)
+                meaning = _PANELS[scalar]
+                yield _Row(name, place, "parameter", unit or "1", meaning, _limits(path), path)
+
+
+def _inputs(config: ScreenConfig) -> Iterator[_Row]:
+    for index, scalar in enumerate(INPUT):
+        name, unit, _ = VARIABLE["input", scalar]
+        meaning = _continuous(_INPUTS[scalar])
+        limits = _LIMITS_OF_INPUT[scalar]
+        yield _Row(name, ("input", index), "input", unit or "1", meaning, limits)
+    for i in range(config.size_classes.count):
+        text = f"Mass fraction of class {i + 1} in the feed; ignored while nothing is fed"
+        meaning = _continuous(_Meaning(text))
+        name = f"feed.mass_fraction[{i + 1}]"
+        yield _Row(name, ("fraction", i), "input", "1", meaning, _FRACTION_LIMITS)
+
+
+def _outputs(config: ScreenConfig) -> Iterator[_Row]:
+    for index, scalar in enumerate(OUTPUT):
+        name, unit, meaning = _OUTPUTS[scalar]
+        yield _Row(name, ("output", index), "output", unit, _continuous(meaning))
+    for stream, text in _STREAMS.items():
+        for i in range(config.size_classes.count):
+            meaning = _continuous(_Meaning(text.format(i + 1)))
+            name = f"{stream}.mass_fraction[{i + 1}]"
+            place = (f"{stream}_fraction", i)
+            yield _Row(name, place, "output", "1", meaning, _FRACTION_LIMITS)
+
+
+def _continuous(meaning: _Meaning) -> _Meaning:
+    """What is no parameter changes from step to step, continuously if it is real."""
+    if meaning.kind != "Real":
+        return meaning
+    return _Meaning(meaning.description, "continuous", meaning.kind, meaning.display)
+
+
+def _limits(path: Steps) -> Limits:
+    """Limits that the configuration sets to the value at `path`."""
+    kind: type = ScreenConfig
+    entry: Entry | None = None
+    for step in path:
+        if isinstance(step, str):
+            entry = entries(kind)[step]
+            if isinstance(entry, Section):
+                kind = entry.kind
+    if isinstance(entry, Numbers):
+        entry = entry.item
+    if not isinstance(entry, Number):
+        return _NO_LIMITS
+    least = entry.at_least if entry.at_least is not None else entry.above
+    most = entry.at_most if entry.at_most is not None else entry.below
+    return least, most

@@ -1,0 +1,173 @@
+"""The table of ports: complete, in order, and as the configuration says."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
+from vibroscreen.errors import ConfigError
+from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.registry import BUILT_IN
+from vibroscreen.screen import Screen
+from vibroscreen.size_classes import SizeClasses
+from vibroscreen.units import DEG, MM
+from vibroscreen_fmu.ports import ENUMERATIONS, UNITS, Port, ports
+from vibroscreen_fmu.python_slave import configured
+
+EDGES = (0.0, 5 * MM, 10 * MM, 20 * MM)
+
+
+def table(config: ScreenConfig) -> dict[str, Port]:
+    return {port.name: port for port in ports(config)}
+
+
+@pytest.fixture
+def config() -> ScreenConfig:
+    return ScreenConfig(SizeClasses(EDGES))
+
+
+@pytest.mark.parametrize("panels", [1, 3])
+@pytest.mark.parametrize("decks", [1, 2])
+def test_every_place_has_one_port(decks: int, panels: int) -> None:
+    deck = Deck(panels=(Panel(length=2.0),) * panels)
+    rows = ports(ScreenConfig(SizeClasses(EDGES), decks=(deck,) * decks))
+    assert [port.reference for port in rows] == list(range(len(rows)))
+    assert len({port.name for port in rows}) == len(rows)
+    # 19 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 19 outputs; 3 streams
+    assert len(rows) == 19 + 6 + decks * (1 + 5 * panels) + 6 + 19 + 3 * 3
+
+
+def test_references_are_places_in_the_buffer_of_a_screen(config: ScreenConfig) -> None:
+    layout: Layout = Screen(config).layout
+    variables = slice(layout.section["parameters"].start, layout.section["outputs"].stop)
+    assert len(ports(config)) == variables.stop - variables.start
+    found = table(config)
+    for name, field, index in (
+        ("material.bulk_density", "parameter", 0),
+        ("size_class[2].upper", "upper", 1),
+        ("deck[1].width", "width", 0),
+        ("deck[1].panel[1].aperture", "panel", 2),
+        ("feed.mass_fraction[3]", "fraction", 2),
+        ("oversize.mass_fraction[1]", "oversize_fraction", 0),
+    ):
+        assert found[name].reference == layout.offset[field] + index - variables.start, name
+
+
+def test_start_values_are_those_of_the_configuration() -> None:
+    config = ScreenConfig.default()
+    found = table(config)
+    panel = config.decks[0].panels[0]
+    assert found["deck[1].panel[1].aperture"].start == panel.aperture
+    assert found["deck[1].panel[1].inclination"].start == panel.inclination
+    assert found["material.friction_internal"].start == config.material.friction_internal
+    assert found["feed.mass_flow_rate"].start == config.feed.mass_flow_rate
+    assert found["feed.mass_fraction[12]"].start == config.feed.mass_fraction[11]
+    assert found["motion.amplitude"].start == config.motion.amplitude
+    assert found["passage.law"].start == 2.0
+    assert found["segregation.model"].start == 3.0
+    assert found["undersize.mass"].start is None
+
+
+def test_limits_are_those_of_the_configuration(config: ScreenConfig) -> None:
+    found = table(config)
+    limits = {name: (port.least, port.most) for name, port in found.items()}
+    assert limits["solver.tolerance"] == (1e-9, 1e-1)
+    assert limits["deck[1].panel[1].open_area"] == (0.0, 1.0)
+    assert limits["feed.mass_flow_rate"][0] == 0.0
+    assert limits["feed.mass_fraction[1]"] == (0.0, 1.0)
+    assert limits["motion.ellipticity"] == (-1.0, 1.0)
+    assert limits["passage.law"] == (None, None)
+    for port in found.values():
+        if port.start is not None:
+            assert port.least is None or port.start >= port.least, port.name
+            assert port.most is None or port.start <= port.most, port.name
+
+
+def test_every_port_is_described_and_has_a_known_unit(config: ScreenConfig) -> None:
+    for port in ports(config):
+        assert port.unit in UNITS, port.name
+        assert port.description[0].isupper(), port.name
+        assert not port.description.endswith("."), port.name
+
+
+def test_items_of_enumerations_are_in_the_order_of_the_engine() -> None:
+    items = {
+        variable: tuple(name for name, _ in choice.items)
+        for variable, choice in ENUMERATIONS.items()
+    }
+    assert items == {
+        "passage.law": BUILT_IN["passage"],
+        "segregation.model": BUILT_IN["segregation"],
+        "displacement.model": BUILT_IN["displacement"],
+        "bed.initial": ("empty", "steady"),
+    }
+
+
+def test_every_parameter_can_be_changed_in_the_configuration(config: ScreenConfig) -> None:
+    """What a parameter's port says about its place in ScreenConfig is so."""
+    before = {port.name: port.start for port in ports(config)}
+    for port in ports(config):
+        # limits of classes change in pairs
+        if port.causality != "parameter" or port.name.startswith("size_class["):
+            continue
+        assert port.start is not None
+        value = port.start % 2 + 1.0 if port.enumeration else port.start * 1.01
+        after = {port.name: port.start for port in ports(configured(config, {port: value}))}
+        assert after == before | {port.name: value}
+
+
+def test_limits_of_classes_change_together(config: ScreenConfig) -> None:
+    found = table(config)
+    upper, lower = found["size_class[1].upper"], found["size_class[2].lower"]
+    changed = configured(config, {upper: 6 * MM, lower: 6 * MM})
+    assert changed.size_classes.edges == (0.0, 6 * MM, 10 * MM, 20 * MM)
+    message = r"size_class\[2\]\.lower = 0\.005 m differs from .* beside it \(0\.006 m\): set both"
+    with pytest.raises(ConfigError, match=message):
+        configured(config, {upper: 6 * MM, lower: 5 * MM})
+
+
+def test_changes_are_checked_as_a_whole(config: ScreenConfig) -> None:
+    long_deck = dataclasses.replace(config, decks=(Deck(panels=(Panel(2.0), Panel(2.0))),) * 2)
+    found = table(long_deck)
+    lengths = [port for name, port in found.items() if name.endswith(".length")]
+    assert len(lengths) == 4
+    changed = configured(long_deck, dict.fromkeys(lengths, 3.0))
+    assert [deck.length for deck in changed.decks] == [6.0, 6.0]
+    with pytest.raises(ConfigError, match="decks of one box are equally long"):
+        configured(long_deck, {lengths[0]: 3.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("passage.law", 7.0, r"passage\.law = 7 is none of the choices: give 1 gaudin, 2 pelevin"),
+        ("deck[1].panel[1].aperture", math.nan, r"^deck\[1\]\.panel\[1\]\.aperture = nan m"),
+        ("deck[1].panel[1].inclination", 80 * DEG, r"^deck\[1\]\.panel\[1\]\.inclination = 1\.39"),
+        ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is not larger than 0 m"),
+        ("material.bulk_density", 1.6, r"^material\.bulk_density = 1\.6 kg/m3"),
+    ],
+)
+def test_bad_values_are_refused_by_name(
+    config: ScreenConfig, name: str, value: float, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        configured(config, {table(config)[name]: value})
+
+
+def test_a_velocity_takes_the_place_of_a_table(config: ScreenConfig) -> None:
+    rows = ((10 * MM, 0.1), (20 * MM, 0.2))
+    tabled = config.replace(passage=Passage(velocity_table=rows))
+    port = table(tabled)["passage.velocity"]
+    assert port.start == tabled.passage.velocity_at(16 * MM)
+    assert configured(tabled, {port: 0.3}).passage == Passage(velocity=0.3)
+    aperture = table(tabled)["deck[1].panel[1].aperture"]
+    finer = configured(tabled, {aperture: 10 * MM})
+    assert table(finer)["passage.velocity"].start == 0.1
+
+
+def test_the_layer_depth_stays_when_the_contact_depth_changes(config: ScreenConfig) -> None:
+    port = table(config)["bed.contact_depth"]
+    assert configured(config, {port: 0.03}).bed == Bed(contact_depth=0.03, layer_depth=0.02)
