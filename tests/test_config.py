@@ -563,7 +563,7 @@ TOML_REFUSALS = {
     "bool for a number": (
         EDGES + "[material]\nfriction_deck = true",
         (
-            "material.friction_deck = True is not a number: give a number from 0 "
+            "material.friction_deck = True is not a number: give a number from 0 up to 100 "
             "(friction_deck in a TOML file)"
         ),
     ),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.kernels.step import partition_size
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ from vibroscreen.steady import SteadyResult, sieve, solve
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
 
 Array = NDArray[np.float64]

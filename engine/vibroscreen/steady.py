@@ -19,7 +19,7 @@ from vibroscreen.kernels.layout import Layout
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
 
 Array = NDArray[np.float64]

@@ -241,7 +241,7 @@ def _source(name: str) -> Path | None:
 
 
 def _imports(path: Path) -> Iterable[str]:
-    """Full names that a source file imports when it is imported, names inside modules among them."""
+    """Full names that a module imports as it loads, names inside modules among them."""
     for node in ast.parse(path.read_bytes()).body:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
