@@ -15,6 +15,7 @@ import dataclasses
 import difflib
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ _CONFUSED = {"m": ("millimetres", "metres"), "rad": ("degrees", "radians")}
 _DIGITS = range(1, 18)
 
 
-class Entry:
+class Entry(ABC):
     """How one field of a configuration is read, checked and written."""
 
     key: str
@@ -52,9 +53,9 @@ class Entry:
         del name, folder
         return raw
 
+    @abstractmethod
     def check(self, name: str, value: Any) -> Any:
         """The value as it is stored; raises ConfigError that starts with `name`."""
-        raise NotImplementedError
 
     def write(self, value: Any) -> Any:
         """TOML value from the stored value; None leaves the key out."""
