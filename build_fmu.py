@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -30,14 +31,15 @@ def build(config: ScreenConfig, output: Path = OUTPUT) -> Path:
     """Write the FMU of a screen into the folder `output`, validate it and run two steps.
 
     Returns its path. Raises ConfigError for a configuration that an FMU cannot carry, RuntimeError
-    with what was found if the file is not valid or does not run; it is removed then.
+    with what was found if the file is not valid or does not run. A file that was there stays then.
     """
-    path = write_fmu(config, output)
-    problems = validate_fmu(str(path)) or _trial(path)
-    if problems:
-        path.unlink()
-        raise RuntimeError("\n".join([f"{path} is of no use and was removed:", *problems]))
-    return path
+    output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=output) as folder:
+        made = write_fmu(config, Path(folder))
+        problems = validate_fmu(str(made)) or _trial(made)
+        if problems:
+            raise RuntimeError("\n".join([f"{made.name} is of no use and was removed:", *problems]))
+        return made.replace(output / made.name)
 
 
 def _trial(path: Path) -> list[str]:

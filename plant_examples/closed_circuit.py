@@ -173,13 +173,17 @@ def answer(regimes: pd.DataFrame) -> str:
     fresh, product, load, crusher, screen, energy = (
         regimes[quantity].to_numpy() for quantity in (FRESH, PRODUCT, LOAD, CRUSHER, SCREEN, ENERGY)
     )
+
+    def change(power: Rates) -> str:
+        return f"{abs(power[2] - power[1]):.1f} kW {'more' if power[2] > power[1] else 'less'}"
+
     taken = "Yes" if abs(product[1] / fresh[1] - 1.0) < SETTLED else "No"
-    saved = "yes" if energy[2] < energy[1] else "no"
+    saved = "saves" if energy[2] < energy[1] else "saves no"
     return (
         f"{taken}: fed {fresh[1]:.0f} t/h it makes {product[1]:.0f} t/h, the circulating load goes "
-        f"from {load[0]:.0f} to {load[1]:.0f} %; and {saved}: the slower screen draws "
-        f"{screen[2] - screen[1]:+.1f} kW, the crusher {crusher[2] - crusher[1]:+.1f} kW at a load "
-        f"of {load[2]:.0f} %, from {energy[1]:.3f} to {energy[2]:.3f} kWh/t."
+        f"from {load[0]:.0f} to {load[1]:.0f} %. The slower screen {saved} energy: it draws "
+        f"{change(screen)}, the crusher {change(crusher)} at a load of {load[2]:.0f} %, from "
+        f"{energy[1]:.3f} to {energy[2]:.3f} kWh/t."
     )
 
 

@@ -111,9 +111,9 @@ def test_report_answers_the_question(capsys: pytest.CaptureFixture[str]) -> None
     circuit.regimes["energy, kWh/t of product"] = 1.040, 1.039, 1.056
     report(circuit)
     assert capsys.readouterr().out.splitlines()[-1] == (
-        "Yes: fed 360 t/h it makes 359 t/h, the circulating load goes from 30 to 40 %; and no: "
-        "the slower screen draws -4.0 kW, the crusher +10.0 kW at a load of 50 %, "
-        "from 1.039 to 1.056 kWh/t."
+        "Yes: fed 360 t/h it makes 359 t/h, the circulating load goes from 30 to 40 %. "
+        "The slower screen saves no energy: it draws 4.0 kW less, the crusher 10.0 kW more at a "
+        "load of 50 %, from 1.039 to 1.056 kWh/t."
     )
     circuit.regimes.loc["b", "product, t/h"] = 300.0
     circuit.regimes.loc["c", "energy, kWh/t of product"] = 1.0

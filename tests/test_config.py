@@ -697,7 +697,7 @@ TOML_REFUSALS = {
     ),
     "negative feed": (
         EDGES + "[feed]\nrate_t_h = -3.6",
-        "feed.mass_flow_rate = -1 kg/s is smaller than 0 kg/s: give 0 kg/s for no feed",
+        "feed.mass_flow_rate = -1 kg/s is smaller than 0 kg/s: give a finite rate, 0 for no feed",
     ),
     "sum of the fractions": (
         EDGES + "[feed]\nmass_fraction = [0.5, 0.2, 0.2]",

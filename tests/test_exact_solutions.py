@@ -320,3 +320,17 @@ def test_recovery_converges_with_the_tolerance(name: str) -> None:
     for tolerance in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
         error = abs(recovery_at(name, tolerance) - reference).max()
         assert error <= tolerance, f"error {error:.2e} at tolerance {tolerance:g}"
+
+
+@pytest.mark.parametrize("model", ["well_mixed", "proportional", "exchange", "classified"])
+def test_engine_choice_of_nodes_on_the_default_screen(model: str) -> None:
+    """Recoveries with the engine's nodes against those with 32 nodes a class."""
+
+    def recovery(subdivision: int) -> np.ndarray:
+        classes = dataclasses.replace(DEFAULT.size_classes, subdivision=subdivision)
+        config = DEFAULT.replace(
+            size_classes=classes, segregation=Segregation(model), solver=Solver(1e-6)
+        )
+        return Screen(config).solve_steady().recovery
+
+    assert abs(recovery(0) - recovery(32)).max() < 1e-4

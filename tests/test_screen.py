@@ -29,7 +29,8 @@ from vibroscreen.config import (
     Solver,
 )
 from vibroscreen.kernels import layout as lay
-from vibroscreen.units import DEG
+from vibroscreen.size_classes import SizeClasses
+from vibroscreen.units import DEG, MM
 
 DEFAULT = ScreenConfig.default()
 SHARE = DEFAULT.feed.mass_fraction
@@ -669,3 +670,14 @@ def test_recoveries_by_hand() -> None:
     assert np.isnan(performance.undersize_recovery(SIZES, feed, FINE, 0.5))
     assert np.isnan(performance.oversize_recovery(SIZES, feed, COARSE, 9.0))
     assert np.isnan(performance.misplaced_fines(SIZES, [0.0] * 4, 4.0))
+
+
+def test_cut_size_is_not_above_the_aperture() -> None:
+    """Nothing from the aperture on passes, however far the next size above it is."""
+    classes = SizeClasses(tuple(d * MM for d in (0, 2, 4, 8, 16, 31.5, 63)), subdivision=1)
+    fraction = (0.15, 0.10, 0.15, 0.20, 0.25, 0.15)
+    screen = Screen(ScreenConfig(classes, feed=Feed(10.0, fraction), bed=Bed(initial="steady")))
+    steady = screen.solve_steady()
+    assert steady.undersize_recovery > 0.9
+    assert 12 * MM < steady.cut_size <= 16 * MM
+    assert screen.step(1.0).cut_size == pytest.approx(steady.cut_size, rel=1e-6)

@@ -42,11 +42,14 @@ class Partition:
         return pd.DataFrame({"size_m": self.size, "to_oversize": self.to_oversize})
 
 
-def partition(size: ArrayLike, undersize: ArrayLike, oversize: ArrayLike) -> Partition:
+def partition(
+    size: ArrayLike, undersize: ArrayLike, oversize: ArrayLike, aperture: float = np.inf
+) -> Partition:
     """Partition curve between two products.
 
     size[n] in m, ascending; undersize[n], oversize[n] mass flow rates by size. Sizes that neither
-    product holds are left out. Levels are interpolated linearly between neighbouring sizes.
+    product holds are left out. Levels are interpolated linearly between neighbouring sizes, and
+    up to the aperture [m], the largest, from which on nothing passes, if it is given.
     Raises ValueError if nothing flows.
     """
     sizes, fine, coarse = (np.asarray(x, dtype=float) for x in (size, undersize, oversize))
@@ -54,7 +57,7 @@ def partition(size: ArrayLike, undersize: ArrayLike, oversize: ArrayLike) -> Par
     there = total > 0.0
     if not there.any():
         raise ValueError("undersize and oversize are both empty: there is no partition curve")
-    levels = np.array([partition_size(sizes, fine, coarse, x) for x in (0.25, 0.5, 0.75)])
+    levels = np.array([partition_size(sizes, fine, coarse, x, aperture) for x in (0.25, 0.5, 0.75)])
     d25, d50, d75 = np.abs(levels)
     return Partition(
         sizes[there],

@@ -127,12 +127,7 @@ class Screen:
     """
 
     def __init__(self, config: ScreenConfig) -> None:
-        if len(config.decks) != 1 or len(config.decks[0].panels) != 1:
-            raise ConfigError(
-                f"deck: {len(config.decks)} decks with "
-                f"{max(len(deck.panels) for deck in config.decks)} panels: "
-                "give one [[deck]] with one [[deck.panel]], more are not supported yet"
-            )
+        check_supported(config)
         if not is_ready(run):
             _LOG.warning("vibroscreen compiles its kernels, once a version: about a minute")
         self.config = config
@@ -293,17 +288,33 @@ class Screen:
         return layout, buffer
 
 
-def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
-    """Dimensions of a screen; without packages only one slice has room."""
-    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
-    cells = min(MOST_CELLS, max(LEAST_CELLS, cells))
-    segregation = registry.model("segregation", config.segregation.model)
-    room = config.solver.packages or 4 * cells + 16
-    if packages and room < cells + 4:
+def check_supported(config: ScreenConfig) -> None:
+    """Raise ConfigError for a configuration that the engine cannot run."""
+    panels = max(len(deck.panels) for deck in config.decks)
+    if len(config.decks) != 1 or panels != 1:
+        raise ConfigError(
+            f"deck: {len(config.decks)} decks with {panels} panels: "
+            "give one [[deck]] with one [[deck.panel]], more are not supported yet"
+        )
+    room, cells = config.solver.packages, _cells(config)
+    if 0 < room < cells + 4:
         raise ConfigError(
             f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
             f"give at least {cells + 4}, or 0 for the engine's choice"
         )
+
+
+def _cells(config: ScreenConfig) -> int:
+    """Cells of a deck: a package is never longer than one."""
+    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
+    return min(MOST_CELLS, max(LEAST_CELLS, cells))
+
+
+def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
+    """Dimensions of a screen; without packages only one slice has room."""
+    cells = _cells(config)
+    segregation = registry.model("segregation", config.segregation.model)
+    room = config.solver.packages or 4 * cells + 16
     return Layout(
         {
             "classes": config.size_classes.count,

@@ -94,7 +94,8 @@ class SteadyResult:
     @cached_property
     def partition(self) -> performance.Partition:
         """Partition curve over the nodes inside the classes, cut size and ecart probable."""
-        return performance.partition(self._nodes.size, self._fine, self._coarse)
+        largest = max(panel.aperture for panel in self.config.decks[0].panels)
+        return performance.partition(self._nodes.size, self._fine, self._coarse, largest)
 
     @property
     def cut_size(self) -> float:

@@ -27,7 +27,12 @@ SUM_TOLERANCE = 1e-3
 _SUM_ROUND_OFF = 1e-14
 
 _RATE = Number(
-    "rate_t_h", "kg/s", T_H, at_least=0.0, cure="give 0 kg/s for no feed", error=InputError
+    "rate_t_h",
+    "kg/s",
+    T_H,
+    at_least=0.0,
+    cure="give a finite rate, 0 for no feed",
+    error=InputError,
 )
 _FRACTION = Number("mass_fraction", cure="give a share of the mass", error=InputError)
 

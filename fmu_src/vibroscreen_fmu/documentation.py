@@ -30,7 +30,8 @@ ABOUT = (
 REFUSALS = (
     "A step with an input that cannot be used (not finite, negative, fractions that do not sum to "
     "1) is refused: the log (category logStatusError) names the variable, its value, the limit and "
-    "the cure, and the state stays as before the call. pythonfmu knows one status for every "
+    "the cure, and the state stays as before the call. Switch logging on to read it (in fmpy: "
+    "debug_logging=True). pythonfmu knows one status for every "
     "refusal, fmi2Fatal; after it the instance still works.",
     "Fixed parameters can be set until initialisation ends, tunable ones at any time: they take "
     "effect at the next step.",

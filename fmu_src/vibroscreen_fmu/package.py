@@ -29,6 +29,7 @@ import numba
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.registry import BUILT_IN
+from vibroscreen.screen import check_supported
 from vibroscreen.units import MM
 from vibroscreen_fmu.documentation import index_html, model_png
 from vibroscreen_fmu.model_description import MODEL_NAME, model_description
@@ -151,6 +152,7 @@ def write_fmu(config: ScreenConfig, folder: Path) -> Path:
 
     Raises ConfigError for a configuration that an FMU cannot carry.
     """
+    check_supported(config)
     _check_built_in(config)
     parts = engine()
     text = config.to_toml()

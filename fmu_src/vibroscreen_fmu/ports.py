@@ -240,7 +240,11 @@ _OUTPUTS = {
         "m",
         _Meaning("Half the distance between the sizes of which 75 % and 25 % leave over the deck"),
     ),
-    "drive_power": ("drive.power", "W", _Meaning("Electric power of the drive")),
+    "drive_power": (
+        "drive.power",
+        "W",
+        _Meaning("Electric power of the drive, under the load at the end of the step"),
+    ),
     "balance_error": (
         "balance.error",
         "kg",

@@ -632,8 +632,11 @@ def write_recovery(buffer):
 
 
 @kernel
-def partition_size(size, fine, coarse, level):
-    """Size whose part `level` reports to the coarse stream, m; negative: the end class instead."""
+def partition_size(size, fine, coarse, level, closed):
+    """Size whose part `level` reports to the coarse stream, m; negative: the end class instead.
+
+    From the size `closed` on nothing passes, which the nodes beside it need not show.
+    """
     before_size, before = 0.0, -1.0
     for i in range(size.size):
         total = fine[i] + coarse[i]
@@ -643,7 +646,10 @@ def partition_size(size, fine, coarse, level):
         if part >= level:
             if before < 0.0:
                 return size[i] if part == level else -size[i]
-            return before_size + (size[i] - before_size) * (level - before) / (part - before)
+            here = size[i]
+            if part == 1.0 and before_size < closed < here:
+                here = closed
+            return before_size + (here - before_size) * (level - before) / (part - before)
         before_size, before = size[i], part
     return -before_size
 
@@ -654,9 +660,12 @@ def write_partition(buffer):
     output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
     size = node_vector(buffer, AT_SIZE, 0)
     fine, coarse = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
-    quarter = partition_size(size, fine, coarse, 0.25)
-    half = partition_size(size, fine, coarse, 0.5)
-    three = partition_size(size, fine, coarse, 0.75)
+    closed = 0.0
+    for number in range(int(buffer[N_PANELS])):
+        closed = max(closed, panel_vector(buffer, 0, number)[APERTURE])
+    quarter = partition_size(size, fine, coarse, 0.25, closed)
+    half = partition_size(size, fine, coarse, 0.5, closed)
+    three = partition_size(size, fine, coarse, 0.75, closed)
     output[ALARM_PERFORMANCE] = 1.0 if min(quarter, half, three) <= 0.0 else 0.0
     if half != 0.0:
         output[CUT_SIZE] = abs(half)
