@@ -7,6 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
@@ -71,6 +72,8 @@ def random_step(screen: Screen, rng: np.random.Generator) -> float:
         inputs[lay.FREQUENCY] = rng.choice([0.0, 15.5, rng.uniform(5.0, 25.0)])
         inputs[lay.AMPLITUDE] = rng.choice([0.0, 0.005, rng.uniform(0.001, 0.008)])
         inputs[lay.DISPLACEMENT_VELOCITY] = rng.choice([0.0, 0.3, rng.uniform(0.0, 1.0), 1e-7])
+        inputs[lay.THROW_ANGLE] = rng.choice([0.8, rng.uniform(0.4, 1.6)])
+        inputs[lay.ELLIPTICITY] = rng.choice([0.0, rng.uniform(-1.0, 1.0)])
     return float(10.0 ** rng.uniform(np.log10(0.05), np.log10(400.0)))
 
 
@@ -99,6 +102,7 @@ def empty(screen: Screen) -> None:
     inputs = screen.view("input")
     inputs[lay.FEED_RATE], inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE] = 0.0, 15.5, 0.005
     inputs[lay.DISPLACEMENT_VELOCITY] = 0.3
+    inputs[lay.THROW_ANGLE], inputs[lay.ELLIPTICITY] = 0.8, 0.0
     for dt in (7.0, 1000.0, 1000.0):
         screen.advance(dt)
 
@@ -234,6 +238,10 @@ def test_steps_do_not_allocate() -> None:
             screen.advance(dt)
 
     run()
+    _nrt_python.memsys_enable_stats()
+    compiled = rtsys.get_allocation_stats()
+    run()
+    assert rtsys.get_allocation_stats() == compiled
     tracemalloc.start()
     run()
     first = tracemalloc.get_traced_memory()[0]

@@ -390,6 +390,7 @@ def random_inputs(rng: np.random.Generator) -> dict[str, float]:
         changes["motion.amplitude"] = float(rng.choice([0.0, 0.004, 0.005]))
     if rng.random() < 0.1:
         changes["motion.ellipticity"] = float(rng.uniform(-0.5, 0.5))
+        changes["motion.throw_angle"] = float(rng.uniform(0.5, 1.2))
     return changes
 
 
@@ -402,6 +403,7 @@ def engine_place(name: str) -> tuple[str, int]:
         "motion.frequency": lay.FREQUENCY,
         "motion.amplitude": lay.AMPLITUDE,
         "motion.ellipticity": lay.ELLIPTICITY,
+        "motion.throw_angle": lay.THROW_ANGLE,
     }
     return "input", scalar[name]
 
@@ -914,11 +916,23 @@ def test_the_command_refuses_what_does_not_exist(tmp_path: Path) -> None:
     assert "runtime = 'naive' does not exist: choose python" in error
 
 
-def test_a_screen_that_does_not_run_leaves_no_file(tmp_path: Path) -> None:
+def test_a_screen_that_cannot_run_is_refused_at_once(tmp_path: Path) -> None:
     config = ScreenConfig.default().replace(solver=Solver(packages=10))
-    with pytest.raises(RuntimeError, match=r"solver\.packages = 10 is too little room"):
+    with pytest.raises(ConfigError, match=r"solver\.packages = 10 is too little room"):
         build_fmu.build(config, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_build_that_fails_leaves_the_last_good_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = tmp_path / "VibratingScreen.fmu"
+    good.write_bytes(b"good")
+    monkeypatch.setattr(build_fmu, "_trial", lambda path: ["it does not run"])
+    with pytest.raises(RuntimeError, match=r"is of no use and was removed:\nit does not run"):
+        build_fmu.build(ScreenConfig.default(), tmp_path)
+    assert list(tmp_path.iterdir()) == [good]
+    assert good.read_bytes() == b"good"
 
 
 def test_registered_models_stay_outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
