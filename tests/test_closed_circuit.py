@@ -120,7 +120,7 @@ def test_report_answers_the_question(capsys: pytest.CaptureFixture[str]) -> None
     report(circuit)
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("No: fed 360 t/h it makes 300 t/h")
-    assert "; and yes: " in last
+    assert "The slower screen saves energy: it draws" in last
 
 
 def test_regimes_need_names_of_their_own() -> None:

@@ -112,8 +112,12 @@ class SizeClasses:
         rows: list[tuple[float, int, float, float]] = []
         for k, (low, high) in enumerate(pairwise(self.edges)):
             width = high - low
-            inside = {a for a in apertures if low < a < high and self.subdivision != 1}
-            ends = (low, *sorted(inside), high)
+            ends = [low]
+            for aperture in sorted(apertures) if self.subdivision != 1 else ():
+                # A piece of no width but round-off would have several nodes at one size.
+                if min(aperture - ends[-1], high - aperture) > 1e-9 * width:
+                    ends.append(aperture)
+            ends.append(high)
             for start, stop in pairwise(ends):
                 count = self.subdivision or (NODES_ABOVE if start >= largest else NODES_BELOW)
                 abscissa, weight = np.polynomial.legendre.leggauss(count)
