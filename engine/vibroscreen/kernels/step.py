@@ -20,7 +20,7 @@ from vibroscreen.kernels.deck import (
     residence_time,
     start_cohort,
 )
-from vibroscreen.kernels.displacement import compose_motion, prescribed, rigid_body
+from vibroscreen.kernels.displacement import GRAVITY, compose_motion, prescribed, rigid_body
 from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2
 from vibroscreen.kernels.layout import (
     ACCEPTED,
@@ -688,7 +688,7 @@ def write_state(buffer):
     output[DEPTH_DISCHARGE] = depth_at_discharge(buffer, 0)
     output[BED_VELOCITY] = scene[S_TRANSPORT_VELOCITY]
     output[THROW_NUMBER_OUT] = scene[S_THROW_NUMBER]
-    fall = 9.81 * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
+    fall = GRAVITY * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
     bed = total * max(0.0, scene[S_DISSIPATION] - fall)
     speed = 2.0 * pi * inputs[FREQUENCY]
     force = parameter[VIBRATING_MASS] * inputs[AMPLITUDE] * speed * speed
