@@ -326,6 +326,8 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
             "cells": cells,
             "layered": int(segregation.layered),
             "bed_layers": config.bed.layers,
+            "active": nodes.count,
+            "source_terms": 0,
             "displacement_work": WORK_SIZE,
             "displacement_address": registry.model(
                 "displacement", config.displacement.model
@@ -368,6 +370,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> N
     put("edge", config.size_classes.edges)
     put("width", [deck.width for deck in config.decks])
     put("panel", [[dataclasses.astuple(p) for p in deck.panels] for deck in config.decks])
+    put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())
     put("size", nodes.size)
     put("node_class", nodes.class_index)

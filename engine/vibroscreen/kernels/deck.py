@@ -47,17 +47,20 @@ from vibroscreen.kernels.layout import (
     D_COVERED,
     D_LEAD_LAYERS,
     D_ORDER,
+    D_PACE,
     D_PACKAGES,
     D_PARTIAL_LAYERS,
     D_PILE_OPEN,
     D_PILE_REAR,
     D_STEP,
+    D_WIDE,
     LAYERED,
     LENGTH,
     N_CELLS,
     N_DECKS,
     N_PACKAGES,
     N_PANELS,
+    N_SOURCE,
     PARAMETER,
     S_CONTACT_LOAD,
     S_DENSITY,
@@ -161,10 +164,22 @@ def new_slot(buffer, deck):
             load[j, i] = 0.0
     package_vector(buffer, AT_LENGTH, deck)[index] = 0.0
     package_vector(buffer, AT_LAYERS_USED, deck)[index] = 1.0
-    pace = vector(buffer, AT_PACE, 2, whole)
+    pace = vector(buffer, AT_PACE, 4, whole)
     book = deck_vector(buffer, deck)
-    pace[0], pace[1] = book[D_STEP], book[D_ORDER]
+    keep_pace(book, pace)
     return index
+
+
+@inlined
+def keep_pace(book, pace):
+    """Remember steps and order of the integration with a package."""
+    pace[0], pace[1], pace[2], pace[3] = book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE]
+
+
+@inlined
+def use_pace(book, pace):
+    """Go on with remembered steps and order."""
+    book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE] = pace[0], pace[1], pace[2], pace[3]
 
 
 @kernel
@@ -266,9 +281,9 @@ def integrate_package(buffer, deck, index, duration):
     """Advance the column of a package; its step and order are remembered with it."""
     book = deck_vector(buffer, deck)
     whole = slot(buffer, deck, index)
-    pace = vector(buffer, AT_PACE, 2, whole)
-    lead_step, lead_order = book[D_STEP], book[D_ORDER]
-    book[D_STEP], book[D_ORDER] = pace[0], pace[1]
+    pace = vector(buffer, AT_PACE, 4, whole)
+    lead_pace = (book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE])
+    use_pace(book, pace)
     used = package_vector(buffer, AT_LAYERS_USED, deck)
     used[index] = integrate(
         buffer,
@@ -279,8 +294,8 @@ def integrate_package(buffer, deck, index, duration):
         int(used[index]),
         duration,
     )
-    pace[0], pace[1] = book[D_STEP], book[D_ORDER]
-    book[D_STEP], book[D_ORDER] = lead_step, lead_order
+    keep_pace(book, pace)
+    use_pace(book, lead_pace)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES] += 1.0
 
 
@@ -395,8 +410,7 @@ def advance_queue(buffer, deck, duration):
         if pile:
             feed_pile(buffer, deck, index, duration)
             ride(buffer, deck, index, duration)
-            for i in range(source.size):
-                source[i] = 0.0
+            buffer[N_SOURCE] = 0.0
         elif advance_package(buffer, deck, index, rear, duration) <= 0.0 and place == gone:
             gone += 1
         rear -= behind
@@ -428,6 +442,7 @@ def feed_pile(buffer, deck, index, duration):
     area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
     rate = deck_vector(buffer, deck)[D_COHORT_FED]
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
+    buffer[N_SOURCE] = 1.0
     for i in range(source.size):
         source[i] = rate * fraction[i] / area
         reference[i] += source[i] * duration
@@ -453,7 +468,7 @@ def start_cohort(buffer, deck, rate):
             partial[j, i] = 0.0
         lead[0, i] = fed[i]
     book[D_COHORT_FED], book[D_COHORT_FRONT], book[D_COVERED] = rate, 0.0, 0.0
-    book[D_STEP], book[D_PARTIAL_LAYERS] = 0.0, 1.0
+    book[D_STEP], book[D_PACE], book[D_WIDE], book[D_PARTIAL_LAYERS] = 0.0, 0.0, 0.0, 1.0
     book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
 
 

@@ -181,6 +181,8 @@ DECK = (
     "partial_layers",
     "step",
     "order",
+    "pace",
+    "wide",
     "rows",
     "capacity_alarm",
 )
@@ -196,6 +198,8 @@ DECK = (
     D_PARTIAL_LAYERS,
     D_STEP,
     D_ORDER,
+    D_PACE,
+    D_WIDE,
     D_ROWS,
     D_CAPACITY_ALARM,
 ) = range(len(DECK))
@@ -214,7 +218,15 @@ COUNTER = (
     "column_steps",
     "column_steps_rejected",
     "column_steps_forced",
+    "pair_steps",
+    "positive_steps",
+    "stabilised_steps",
+    "landings",
+    "rates",
     "sub_steps",
+    "coarse_sizes_skipped",
+    "empty_sizes_skipped",
+    "used_up_sizes_skipped",
     "merges",
 )
 (
@@ -226,9 +238,21 @@ COUNTER = (
     C_COLUMN_STEPS,
     C_COLUMN_REJECTED,
     C_COLUMN_FORCED,
+    C_PAIR_STEPS,
+    C_POSITIVE_STEPS,
+    C_STABILISED_STEPS,
+    C_LANDINGS,
+    C_RATES,
     C_SUB_STEPS,
+    C_COARSE_SKIPPED,
+    C_EMPTY_SKIPPED,
+    C_USED_UP_SKIPPED,
     C_MERGES,
 ) = range(len(COUNTER))
+
+# What may be left out, each with its counter; 1 = on (the default), 0 = off.
+SWITCH = ("coarse_sizes", "empty_sizes", "used_up_sizes", "explicit")
+W_COARSE, W_EMPTY, W_USED_UP, W_EXPLICIT = range(len(SWITCH))
 
 # Cumulative masses by class, each as (sum, compensation); row pairs of `ledger`.
 FED, UNDER, OVER = 0, 2, 4
@@ -260,6 +284,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "oversize_fraction": ("classes",),
     },
     "constants": {
+        "switch": (len(SWITCH),),
         "harmonic": (MAX_HARMONICS, 5),
         "edge": ("edges",),
         "size": ("nodes",),
@@ -283,7 +308,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "free": ("decks", "packages"),
         "length": ("decks", "packages"),
         "layers_used": ("decks", "packages"),
-        "pace": ("decks", "packages", 2),
+        "pace": ("decks", "packages", 4),
         "load": ("decks", "packages", "layers", "nodes"),
         "reference": ("decks", "packages", "nodes"),
         "lead": ("decks", "layers", "nodes"),
@@ -305,9 +330,17 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "column": ("layers", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
-        "source": ("nodes",),
-        # one row an order of extrapolation: passed, its time integral, loads, their time integrals
-        "trial": (MAX_ORDER, "trial"),
+        # coefficients in time of what lands, of all nodes and of those that take part
+        "source": (3, "nodes"),
+        "source_now": (3, "nodes"),
+        # sizes and 1/reference of the nodes that take part, and which they are
+        "compact": (2, "nodes"),
+        "place": ("nodes",),
+        "share": ("nodes",),
+        # the explicit pair: column, stage, rates of the stages, time integrals
+        "stage": (10, "block"),
+        # two rows an order of extrapolation: column and its time integral
+        "trial": (2 * MAX_ORDER, "block"),
         "scratch": ("layers", "nodes"),
         "percolation": ("layers", "nodes"),
         "node_work": (4, "nodes"),
@@ -324,6 +357,8 @@ DIMENSION = (
     "cells",
     "layered",
     "bed_layers",
+    "active",
+    "source_terms",
     "displacement_work",
     "displacement_address",
     "passage_address",
@@ -339,6 +374,8 @@ DIMENSION = (
     N_CELLS,
     LAYERED,
     BED_LAYERS,
+    N_ACTIVE,
+    N_SOURCE,
     N_DISPLACEMENT_WORK,
     DISPLACEMENT_ADDRESS,
     PASSAGE_ADDRESS,
@@ -371,7 +408,7 @@ class Layout:
             + known["decks"] * known["panels"] * len(PANEL)
             + 5 * MAX_HARMONICS
         )
-        known["trial"] = (2 * known["layers"] + 2) * known["nodes"]
+        known["block"] = (known["layers"] + 1) * known["nodes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}
         section: dict[str, slice] = {}
@@ -421,6 +458,7 @@ class Layout:
     AT_OUTPUT,
     AT_UNDERSIZE_FRACTION,
     AT_OVERSIZE_FRACTION,
+    AT_SWITCH,
     AT_HARMONIC,
     AT_EDGE,
     AT_SIZE,
@@ -463,6 +501,11 @@ class Layout:
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
     AT_SOURCE,
+    AT_SOURCE_NOW,
+    AT_COMPACT,
+    AT_PLACE,
+    AT_SHARE,
+    AT_STAGE,
     AT_TRIAL,
     AT_SCRATCH,
     AT_PERCOLATION,

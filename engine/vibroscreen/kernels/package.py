@@ -1,100 +1,352 @@
 """One slice of the bed in time: sub-models give rates, one place here moves mass (MODEL.md,
 "A package in time").
 
-A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. The basic step is
-implicit in each class, with rates frozen at its start: passage and percolation form one matrix per
-class whose columns sum to one, so masses stay positive and nothing is lost at any step length.
-Then the layers settle: what is missing below is refilled from above. Extrapolation over 1, 2, 3
-and more basic steps raises the order; the error estimate sets step and order.
+A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. It is gathered
+into a compact block without the sizes that take no part, integrated there and scattered back. Two
+schemes share its rates (`column_rates`):
+  explicit: the pair of Dormand and Prince, order 5 with an embedded 4, for all that is not stiff;
+  implicit: a first-order step that keeps masses positive whatever its length, extrapolated.
+Both are linear in the masses they move, so every sum is kept to round-off. The error estimate sets
+step (and order); steps end at the moments at which a layer runs out or is filled.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, cosh, log, sinh
 
-from vibroscreen.kernels.jit import kernel, view2
+import numpy as np
+
+from vibroscreen.kernels.jit import inlined, kernel, view1, view2
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
+    AT_COMPACT,
     AT_COUNTER,
     AT_NODE_WORK,
     AT_PARAMETER,
     AT_PERCOLATION,
+    AT_PLACE,
     AT_SCRATCH,
+    AT_SHARE,
     AT_SIZE,
     AT_SOURCE,
+    AT_SOURCE_NOW,
+    AT_STAGE,
+    AT_SWITCH,
     AT_TRIAL,
     AT_UPWARD,
+    C_COARSE_SKIPPED,
     C_COLUMN_FORCED,
     C_COLUMN_REJECTED,
     C_COLUMN_STEPS,
+    C_EMPTY_SKIPPED,
+    C_LANDINGS,
+    C_RATES,
+    C_PAIR_STEPS,
+    C_POSITIVE_STEPS,
+    C_STABILISED_STEPS,
     C_SUB_STEPS,
+    C_USED_UP_SKIPPED,
     COUNTER,
     D_CAPACITY_ALARM,
     D_ORDER,
+    D_PACE,
     D_ROWS,
     D_STEP,
+    D_WIDE,
     LAYERED,
     MAX_ORDER,
+    N_ACTIVE,
     N_LAYERS,
     N_NODES,
+    N_SOURCE,
     PARAMETER,
     PASSAGE_ADDRESS,
     PASSAGE_LAW,
+    S_APERTURE,
     S_BED_LOAD,
     S_CONTACT_LOAD,
     S_COVER,
     S_DENSITY,
+    S_DILATION,
     S_HORIZON,
     S_LAYER_FULL,
     S_LAYER_LOAD,
     S_PASSAGE_VELOCITY,
     SEGREGATION_ADDRESS,
     SEGREGATION_MODEL,
+    SWITCH,
     TOLERANCE,
+    W_COARSE,
+    W_EMPTY,
+    W_EXPLICIT,
+    W_USED_UP,
     column,
     node_vector,
     vector,
 )
-from vibroscreen.kernels.passage import passage_probability
-from vibroscreen.kernels.segregation import layer_mass, segregate
+from vibroscreen.kernels.passage import PELEVIN, passage_probability
+from vibroscreen.kernels.segregation import (
+    CLASSIFIED,
+    gap_radius,
+    layer_mass,
+    segregate,
+    weighted_mass,
+)
 
 # A layer is opened only for more than this part of a full one: round-off makes no layers.
 SLIVER = 1e-9
-# A top layer below this part of a full one is no reason to cut a step.
+# A top layer below this part of a full one is no reason to cut an implicit step.
 THIN = 1e-3
+# A step that ends where a layer runs out (or is filled) may miss it by this part of a full one.
+LANDING = 1e-6
 # A part of `tolerance` that a step may always use, however short it is.
 LEAST_SHARE = 0.02
 # Steps below this part of the horizon are taken whatever the estimate says (counted).
 SHORTEST = 1e-10
+# A size of which this part of the tolerance is left has passed.
+USED_UP = 1e-4
+# Accepted steps after which sizes are looked through again.
+REVIEW = 16
+# Proportions inside the sizes that move alike are equal up to this.
+ALIKE = 1e-12
+# The explicit pair is stable up to this step times the fastest rate, and is not used where it
+# would need more than STIFF / STABLE steps.
+STABLE = 3.2
+STIFF = 3000.0
+
+# The stabilised scheme: its damping and the most stages of a step; and a first step, times the
+# fastest rate.
+DAMPING = 2.0 / 13.0
+MOST_STAGES = 60
+FIRST = 1.0
+# Schemes. An error of third order decides: where the step that it allows, times the fastest rate,
+# is wide, many cheap stages are best; where it is short, high order is.
+PAIR, POSITIVE, STABILISED = range(3)
+WIDE_FROM, POSITIVE_FROM = 7.0, 0.75
+# Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
+# error of a recovery stays below it (tests/benchmarks/work_precision.py).
+MARGIN = (8.0, 25.0, 5.0)
+# The scheme of order 3: stable up to this; its step is longer by this, as its error constant is
+# 15/24 of that of the stabilised one and its margin is wider.
+POSITIVE_STABLE = 5.0
+POSITIVE_GAIN = (24.0 / 15.0 * MARGIN[POSITIVE] / MARGIN[STABILISED]) ** 0.5
+
+# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
+NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
+
+# Dormand and Prince (J. Comput. Appl. Math. 6 (1980) 19).
+A = np.array(
+    [
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+C = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+B_LOW = np.array([5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40])
+E1, E3, E4, E5, E6, E7 = (float(x) for x in (np.append(A[5], 0.0) - B_LOW)[[0, 2, 3, 4, 5, 6]])
+# Weights of the time integral of the column: sum over stages of b_s a_sl.
+I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
+
+
+# --- the compact column --------------------------------------------------------------------------
+@kernel
+def active_vector(buffer, at, row):
+    """Row `row` of a field of vectors over the sizes that take part."""
+    return vector(buffer, at, int(buffer[N_ACTIVE]), row)
 
 
 @kernel
-def trial_flux(buffer, k):
-    """Rows passed and its time integral of trial k."""
-    nodes = int(buffer[N_NODES])
-    rows = 2 * int(buffer[N_LAYERS]) + 2
-    return view2(buffer, int(buffer[AT_TRIAL]) + k * rows * nodes, 2, nodes)
+def active_column(buffer, at):
+    """A work column over the sizes that take part."""
+    return view2(buffer, int(buffer[at]), int(buffer[N_LAYERS]), int(buffer[N_ACTIVE]))
 
 
 @kernel
-def trial_load(buffer, k):
-    """Loads of trial k."""
-    nodes = int(buffer[N_NODES])
-    layers = int(buffer[N_LAYERS])
-    start = int(buffer[AT_TRIAL]) + (k * (2 * layers + 2) + 2) * nodes
-    return view2(buffer, start, layers, nodes)
+def block(buffer, at, index):
+    """A block as one vector: row 0 is what passed, then the loads of the layers."""
+    rows = int(buffer[N_LAYERS]) + 1
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
 
 
 @kernel
-def trial_time(buffer, k):
-    """Time integrals of the loads of trial k."""
-    nodes = int(buffer[N_NODES])
-    layers = int(buffer[N_LAYERS])
-    start = int(buffer[AT_TRIAL]) + (k * (2 * layers + 2) + 2 + layers) * nodes
-    return view2(buffer, start, layers, nodes)
+def block_passed(buffer, at, index):
+    """What passed, row 0 of a block."""
+    rows = int(buffer[N_LAYERS]) + 1
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view1(buffer, start, int(buffer[N_ACTIVE]))
 
 
+@kernel
+def block_load(buffer, at, index):
+    """Loads of a block [layer, active size]."""
+    rows = int(buffer[N_LAYERS]) + 1
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES]) + int(buffer[N_ACTIVE])
+    return view2(buffer, start, rows - 1, int(buffer[N_ACTIVE]))
+
+
+@kernel
+def first_coarse(buffer, scene, load, layers):
+    """First of the sizes that neither pass nor percolate and are mixed alike in all layers.
+
+    They move alike as long as nothing lands on them, so one size carries them all (their mean).
+    """
+    size = node_vector(buffer, AT_SIZE, 0)
+    nodes = size.size
+    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
+    model = int(parameter[SEGREGATION_MODEL])
+    known = int(parameter[PASSAGE_LAW]) <= PELEVIN and model <= CLASSIFIED
+    if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_COARSE] == 0.0 or not known:
+        return nodes
+    if buffer[N_SOURCE] > 0.0:
+        return nodes
+    closed = scene[S_APERTURE]
+    if buffer[LAYERED] > 0.0:
+        closed = max(closed, 2.0 * gap_radius(0.5 * size[nodes - 1], scene[S_DILATION]))
+    first = nodes
+    while first > 0 and size[first - 1] >= closed:
+        first -= 1
+    lowest = 0.0
+    for i in range(first, nodes):
+        lowest += load[0, i]
+    for j in range(1, layers):
+        mass = 0.0
+        for i in range(first, nodes):
+            mass += load[j, i]
+        for i in range(first, nodes):
+            if abs(load[j, i] * lowest - load[0, i] * mass) > ALIKE * lowest * mass:
+                return nodes
+    return first
+
+
+@kernel
+def gather(buffer, scene, load, reference, layers):
+    """Copy a column into the block NOW without the sizes that take no part.
+
+    Left out are sizes of which nothing is there or lands; what is left of a size that is used up
+    passes at once; the coarse sizes that move alike become one. `place` says where a size is.
+    """
+    nodes = load.shape[1]
+    switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
+    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+    size, total = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_NODE_WORK, 0)
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
+    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    terms = int(buffer[N_SOURCE])
+    passing = scene[S_PASSAGE_VELOCITY] > 0.0 and switch[W_USED_UP] > 0.0 and terms == 0
+    least = USED_UP * tolerance
+    coarse = first_coarse(buffer, scene, load, layers)
+    for i in range(nodes):
+        total[i] = load[0, i]
+    for j in range(1, layers):
+        for i in range(nodes):
+            total[i] += load[j, i]
+    count = 0
+    for i in range(coarse):
+        if passing and 0.0 < total[i] < least * reference[i] and size[i] < scene[S_APERTURE]:
+            flux[i] += total[i]
+            total[i] = 0.0
+            for j in range(layers):
+                load[j, i] = 0.0
+            counter[C_USED_UP_SKIPPED] += 1.0
+        lands = False
+        for k in range(terms):
+            lands = lands or source[k, i] != 0.0
+        if total[i] > 0.0 or lands or switch[W_EMPTY] == 0.0:
+            place[i] = count
+            count += 1
+        else:
+            place[i] = -1.0
+            counter[C_EMPTY_SKIPPED] += 1.0
+        share[i] = 1.0
+    gathered, moment = 0.0, 0.0
+    for i in range(coarse, nodes):
+        gathered += total[i]
+        moment += total[i] * size[i]
+    for i in range(coarse, nodes):
+        place[i] = count if gathered > 0.0 else -1.0
+        share[i] = total[i] / gathered if gathered > 0.0 else 0.0
+    if gathered > 0.0:
+        counter[C_COARSE_SKIPPED] += nodes - coarse - 1.0
+    buffer[N_ACTIVE] = max(1, count + (1 if gathered > 0.0 else 0))
+    fill_block(buffer, load, reference, layers, coarse)
+    if gathered > 0.0:
+        active_vector(buffer, AT_COMPACT, 0)[count] = moment / gathered
+    return coarse
+
+
+@kernel
+def fill_block(buffer, load, reference, layers, coarse):
+    """Sizes, references, sources and loads of the sizes that take part into compact fields."""
+    nodes = load.shape[1]
+    count = int(buffer[N_ACTIVE])
+    size, place = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_PLACE, 0)
+    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
+    compact_size = active_vector(buffer, AT_COMPACT, 0)
+    weight = active_vector(buffer, AT_COMPACT, 1)
+    landing = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, count)
+    now, integral = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
+    terms = int(buffer[N_SOURCE])
+    for k in range(now.size):
+        now[k] = 0.0
+        integral[k] = 0.0
+    for n in range(count):
+        weight[n] = 0.0
+        compact_size[n] = 0.0
+    for i in range(nodes):
+        n = int(place[i])
+        if n >= 0:
+            compact_size[n] = size[i]
+            weight[n] += reference[i]
+    for n in range(count):
+        weight[n] = 1.0 / weight[n] if weight[n] > 0.0 else 0.0
+    for k in range(terms):
+        for i in range(nodes):
+            n = int(place[i])
+            if n >= 0:
+                landing[k, n] = source[k, i]
+    rows = block_load(buffer, AT_STAGE, NOW)
+    for j in range(layers):
+        for i in range(coarse):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] = load[j, i]
+        for i in range(coarse, nodes):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] += load[j, i]
+
+
+@kernel
+def scatter(buffer, load, layers, rows, elapsed):
+    """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
+    nodes = load.shape[1]
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    now, integral = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, INTEGRAL)
+    gone, gone_time = block_passed(buffer, AT_STAGE, NOW), block_passed(buffer, AT_STAGE, INTEGRAL)
+    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
+    time = column(buffer, AT_COLUMN_TIME, 0)
+    for i in range(nodes):
+        passed_time[i] += elapsed * passed[i]
+        n = int(place[i])
+        if n < 0:
+            continue
+        passed[i] += share[i] * gone[n]
+        passed_time[i] += share[i] * gone_time[n]
+        for j in range(rows):
+            load[j, i] = share[i] * now[j, n] if j < layers else 0.0
+            time[j, i] += share[i] * integral[j, n]
+
+
+# --- layers --------------------------------------------------------------------------------------
 @kernel
 def bed_load(load, layers):
     """Areal mass of a column, kg/m2."""
@@ -133,7 +385,7 @@ def restack(buffer, scene, load, layers):
     if wanted == 1 and layers == 1:
         return 1
     nodes = load.shape[1]
-    old = column(buffer, AT_SCRATCH, 0)
+    old = view2(buffer, int(buffer[AT_SCRATCH]), load.shape[0], nodes)
     for j in range(layers):
         for i in range(nodes):
             old[j, i] = load[j, i]
@@ -167,16 +419,17 @@ def restack(buffer, scene, load, layers):
     return wanted
 
 
+# --- rates ---------------------------------------------------------------------------------------
 @kernel
 def passage_rates(buffer, scene, load, layers, rate):
-    """Passage of each class as a rate on what row 0 holds of it, 1/s; fills the percolation too.
+    """Passage of each size as a rate on what row 0 holds of it, 1/s; fills the percolation too.
 
     rho_b u P_i F_0i cover with F_0i = contact_i load_0i, cover = min(1, sigma_0/sigma_c).
     """
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
-    size = node_vector(buffer, AT_SIZE, 0)
-    contact = node_vector(buffer, AT_NODE_WORK, 1)
-    fraction = node_vector(buffer, AT_NODE_WORK, 2)
+    size = active_vector(buffer, AT_COMPACT, 0)
+    contact = active_vector(buffer, AT_NODE_WORK, 1)
+    fraction = active_vector(buffer, AT_NODE_WORK, 2)
     segregate(
         int(parameter[SEGREGATION_MODEL]),
         int(buffer[SEGREGATION_ADDRESS]),
@@ -185,7 +438,7 @@ def passage_rates(buffer, scene, load, layers, rate):
         layers,
         scene,
         contact,
-        column(buffer, AT_PERCOLATION, 0),
+        active_column(buffer, AT_PERCOLATION),
     )
     for i in range(size.size):
         fraction[i] = contact[i] * load[0, i]
@@ -198,19 +451,390 @@ def passage_rates(buffer, scene, load, layers, rate):
 
 
 @kernel
+def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
+    """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
+
+    Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
+    above, layer by layer), landing on the top layer `moment` s after the start. The composition
+    of a top layer that runs out is that at the start of the step (`share_top`).
+    """
+    load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
+    passing = block_passed(buffer, at_rate, rate)
+    weight = active_vector(buffer, AT_NODE_WORK, 0)
+    percolation = active_column(buffer, AT_PERCOLATION)
+    nodes = passing.size
+    top = layer_mass(load, layers - 1)
+    upper = (layers - 2) * scene[S_LAYER_FULL]
+    scene[S_BED_LOAD] = top if layers == 1 else scene[S_CONTACT_LOAD] + upper + top
+    passage_rates(buffer, scene, load, layers, weight)
+    for i in range(nodes):
+        passing[i] = weight[i] * load[0, i]
+        change[0, i] = -passing[i]
+    lost = vector_sum(passing)
+    full = scene[S_CONTACT_LOAD]
+    for j in range(1, layers):
+        upward = weighted_mass(load, j, percolation, j) / full
+        full = scene[S_LAYER_FULL]
+        if j < layers - 1:
+            refill = lost / full
+        else:
+            refill = lost / top if top > THIN * full else -1.0
+        if refill >= 0.0:
+            for i in range(nodes):
+                flux = (percolation[j, i] + refill) * load[j, i] - upward * load[j - 1, i]
+                change[j, i] = -flux
+                change[j - 1, i] += flux
+        else:
+            share = active_vector(buffer, AT_NODE_WORK, 3)
+            for i in range(nodes):
+                flux = percolation[j, i] * load[j, i] - upward * load[j - 1, i] + lost * share[i]
+                change[j, i] = -flux
+                change[j - 1, i] += flux
+    land(buffer, change, layers - 1, moment)
+    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
+    return lost
+
+
+@kernel
+def land(buffer, change, row, moment):
+    """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
+    terms = int(buffer[N_SOURCE])
+    if terms == 0:
+        return
+    source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, change.shape[1])
+    if terms == 1:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i]
+    else:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
+
+
+@kernel
+def vector_sum(values):
+    """Sum of a vector; four sums side by side, as one alone waits for every addition."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = values.size - values.size % 4
+    for i in range(0, whole, 4):
+        a += values[i]
+        b += values[i + 1]
+        c += values[i + 2]
+        d += values[i + 3]
+    for i in range(whole, values.size):
+        a += values[i]
+    return (a + b) + (c + d)
+
+
+@kernel
+def keep_top_share(buffer, layers):
+    """Remember the composition of the top layer at the start of a step."""
+    share = active_vector(buffer, AT_NODE_WORK, 3)
+    load = block_load(buffer, AT_STAGE, NOW)
+    top = layer_mass(load, layers - 1)
+    below = max(0, layers - 2)
+    row = layers - 1 if top > 0.0 else below
+    mass = top if top > 0.0 else layer_mass(load, below)
+    scale = 1.0 / mass if mass > 0.0 else 0.0
+    for i in range(share.size):
+        share[i] = scale * load[row, i]
+
+
+@kernel
+def fastest_rate(buffer, layers):
+    """Bound of the rates in the column, 1/s, as `column_rates` left them."""
+    weight = active_vector(buffer, AT_NODE_WORK, 0)
+    percolation = active_column(buffer, AT_PERCOLATION)
+    fastest = 0.0
+    for i in range(weight.size):
+        fastest = max(fastest, weight[i])
+    exchange = 0.0
+    for j in range(1, layers):
+        for i in range(weight.size):
+            exchange = max(exchange, percolation[j, i])
+    return fastest + 2.0 * exchange
+
+
+# --- the explicit pair ---------------------------------------------------------------------------
+@kernel
+def stage_value(buffer, stage, h, size):
+    """Column at a stage 2 to 7 into STAGED; that of stage 7 is the solution of order 5."""
+    y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
+    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+    k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
+    row = stage - 2
+    a1, a2, a3 = h * A[row, 0], h * A[row, 1], h * A[row, 2]
+    a4, a5, a6 = h * A[row, 3], h * A[row, 4], h * A[row, 5]
+    if stage == 2:
+        for i in range(size):
+            out[i] = y[i] + a1 * k1[i]
+    elif stage == 3:
+        for i in range(size):
+            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i])
+    elif stage == 4:
+        for i in range(size):
+            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i])
+    elif stage == 5:
+        for i in range(size):
+            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i] + a4 * k4[i])
+    elif stage == 6:
+        for i in range(size):
+            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i] + a4 * k4[i] + a5 * k5[i])
+    else:
+        for i in range(size):
+            out[i] = y[i] + (a1 * k1[i] + a3 * k3[i] + a4 * k4[i] + a5 * k5[i] + a6 * k6[i])
+
+
+@kernel
+def explicit_error(buffer, h, layers):
+    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|."""
+    nodes = int(buffer[N_ACTIVE])
+    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
+    k1, k3 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K3)
+    k4, k5 = block(buffer, AT_STAGE, K4), block(buffer, AT_STAGE, K5)
+    k6, k7 = block(buffer, AT_STAGE, K6), block(buffer, AT_STAGE, K7)
+    for row in range(layers + 1):
+        share = h if row == 0 else 0.5 * h
+        start = row * nodes
+        for i in range(nodes):
+            n = start + i
+            one = E1 * k1[n] + E3 * k3[n] + E4 * k4[n] + E5 * k5[n] + E6 * k6[n] + E7 * k7[n]
+            before = 0.0 if row == 0 else error[i]
+            error[i] = before + share * abs(one)
+    worst = 0.0
+    for i in range(nodes):
+        worst = max(worst, error[i] * weight[i])
+    return worst
+
+
+@kernel
+def integrate_stages(buffer, h, size):
+    """Add the time integral of a step of the pair, from its stages."""
+    y, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
+    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+    k5 = block(buffer, AT_STAGE, K5)
+    g1, g2, g3, g4, g5 = h * h * I1, h * h * I2, h * h * I3, h * h * I4, h * h * I5
+    for i in range(size):
+        total[i] += h * y[i] + (g1 * k1[i] + g2 * k2[i] + g3 * k3[i] + g4 * k4[i] + g5 * k5[i])
+
+
+@kernel
+def take_explicit(buffer, size, last_rates):
+    """The step becomes the state, its last rates the next first ones. False: there are debts."""
+    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    least = 0.0
+    for i in range(size):
+        y[i] = new[i]
+        least = min(least, new[i])
+    if last_rates:
+        k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
+        for i in range(size):
+            k1[i] = k7[i]
+    return least >= 0.0
+
+
+@inlined
+def pair_step(buffer, scene, layers, h, moment):
+    """Try a step of the explicit pair of order 5; returns its error, a part of what was fed."""
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    for stage in range(2, 8):
+        stage_value(buffer, stage, h, size)
+        at = moment + C[stage - 2] * h
+        column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K1 + stage - 1, at)
+    return explicit_error(buffer, h, layers)
+
+
+# --- the positive scheme of order 3 --------------------------------------------------------------
+@kernel
+def third_order_stage(buffer, stage, h, size):
+    """Column at a stage 2 to 4 of the scheme of order 3, or its solution (5), into STAGED."""
+    y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
+    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+    half, sixth = 0.5 * h, h / 6.0
+    if stage == 2:
+        for i in range(size):
+            out[i] = y[i] + half * k1[i]
+    elif stage == 3:
+        for i in range(size):
+            out[i] = y[i] + half * (k1[i] + k2[i])
+    elif stage == 4:
+        for i in range(size):
+            out[i] = y[i] + sixth * (k1[i] + k2[i] + k3[i])
+    else:
+        for i in range(size):
+            out[i] = y[i] + (sixth * (k1[i] + k2[i] + k3[i]) + half * k4[i])
+
+
+@inlined
+def positive_step(buffer, scene, layers, h, moment):
+    """Try a step of order 3 with four stages; returns its error, a part of what was fed."""
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    for stage in range(2, 5):
+        third_order_stage(buffer, stage, h, size)
+        at = moment + (h if stage == 3 else 0.5 * h)
+        column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K1 + stage - 1, at)
+    third_order_stage(buffer, 5, h, size)
+    return positive_error(buffer, h, layers)
+
+
+@kernel
+def positive_error(buffer, h, layers):
+    """Difference to the embedded solution of order 2, as a part of what was fed of a size."""
+    nodes = int(buffer[N_ACTIVE])
+    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
+    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+    for row in range(layers + 1):
+        share = h / 12.0 if row == 0 else h / 24.0
+        start = row * nodes
+        for i in range(nodes):
+            n = start + i
+            before = 0.0 if row == 0 else error[i]
+            error[i] = before + share * abs(3.0 * k4[n] - (k1[n] + k2[n] + k3[n]))
+    worst = 0.0
+    for i in range(nodes):
+        worst = max(worst, error[i] * weight[i])
+    return worst
+
+
+@kernel
+def integrate_positive(buffer, h, size):
+    """Add the time integral of a step of order 3, from its stages."""
+    y, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
+    k3 = block(buffer, AT_STAGE, K3)
+    g1, g2, g3 = h * h / 4.0, h * h / 6.0, h * h / 12.0
+    for i in range(size):
+        total[i] += h * y[i] + (g1 * k1[i] + g2 * k2[i] + g3 * k3[i])
+
+
+# --- the stabilised scheme -----------------------------------------------------------------------
+@kernel
+def chebyshev_start(buffer, one, h, size):
+    """First stage of the stabilised scheme: y + h one k1, into STAGED and K2."""
+    y, k1 = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, K1)
+    near, far = block(buffer, AT_STAGE, STAGED), block(buffer, AT_STAGE, K2)
+    for i in range(size):
+        near[i] = y[i] + h * one * k1[i]
+    for i in range(size):
+        far[i] = y[i]
+
+
+@kernel
+def chebyshev_stage(buffer, near, far, mu, nu, rate_now, rate_first, size):
+    """Next stage, in place of the one before last: three-term recursion of Chebyshev kind."""
+    y, k1 = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, K1)
+    last, out = block(buffer, AT_STAGE, near), block(buffer, AT_STAGE, far)
+    rate = block(buffer, AT_STAGE, K3)
+    rest = 1.0 - mu - nu
+    for i in range(size):
+        out[i] = (rest * y[i] + mu * last[i] + nu * out[i]) + (
+            rate_now * rate[i] + rate_first * k1[i]
+        )
+
+
+@kernel
+def stages_for(spread):
+    """Stages of the stabilised scheme that are stable up to `spread` = h times fastest rate."""
+    return max(2, 1 + int((1.0 + 1.54 * spread) ** 0.5))
+
+
+@inlined
+def stabilised_step(buffer, scene, layers, h, stages, moment):
+    """Try a step of order 2 with `stages` stages; returns its error, a part of what was fed."""
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    w0 = 1.0 + DAMPING / (stages * stages)
+    # T_s, T_s' and T_s'' at w0
+    root = (w0 * w0 - 1.0) ** 0.5
+    angle = stages * log(w0 + root)
+    first = sinh(angle) * stages / root
+    w1 = (sinh(angle) * (w0 * w0 - 1.0)) / (cosh(angle) * stages * root - w0 * sinh(angle))
+    b2 = 1.0 / (4.0 * w0 * w0)
+    b_far, b_near = b2, 1.0 / w0
+    one = b_near * w1
+    chebyshev_start(buffer, one, h, size)
+    t_far, t_near, d_far, d_near, e_far, e_near = 1.0, w0, 0.0, 1.0, 0.0, 0.0
+    c_far, c_near = 0.0, one
+    near, far = STAGED, K2
+    if stages % 2 == 0:
+        swap_blocks(buffer, STAGED, K2, size)
+        near, far = K2, STAGED
+    for _ in range(2, stages + 1):
+        column_rates(
+            buffer, scene, AT_STAGE, near, layers, AT_STAGE, K3, moment + c_near * h
+        )
+        t = 2.0 * w0 * t_near - t_far
+        d = 2.0 * w0 * d_near - d_far + 2.0 * t_near
+        e = 2.0 * w0 * e_near - e_far + 4.0 * d_near
+        b = e / (d * d)
+        mu, nu = 2.0 * w0 * b / b_near, -b / b_far
+        rate_now = 2.0 * w1 * b / b_near
+        rate_first = -(1.0 - b_near * t_near) * rate_now
+        chebyshev_stage(buffer, near, far, mu, nu, h * rate_now, h * rate_first, size)
+        c = mu * c_near + nu * c_far + rate_now + rate_first
+        t_far, t_near, d_far, d_near, e_far, e_near = t_near, t, d_near, d, e_near, e
+        b_far, b_near, c_far, c_near = b_near, b, c_near, c
+        near, far = far, near
+    column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K7, moment + h)
+    return third_order_error(buffer, h, layers)
+
+
+@kernel
+def swap_blocks(buffer, one, two, size):
+    """Exchange the contents of two blocks."""
+    a, b = block(buffer, AT_STAGE, one), block(buffer, AT_STAGE, two)
+    for i in range(size):
+        kept = a[i]
+        a[i] = b[i]
+        b[i] = kept
+
+
+@kernel
+def third_order_error(buffer, h, layers):
+    """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
+    nodes = int(buffer[N_ACTIVE])
+    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
+    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
+    for row in range(layers + 1):
+        share = 1.0 if row == 0 else 0.5
+        start = row * nodes
+        for i in range(nodes):
+            n = start + i
+            one = 0.8 * (y[n] - new[n]) + 0.4 * h * (k1[n] + k7[n])
+            before = 0.0 if row == 0 else error[i]
+            error[i] = before + share * abs(one)
+    worst = 0.0
+    for i in range(nodes):
+        worst = max(worst, error[i] * weight[i])
+    return worst
+
+
+@kernel
+def integrate_ends(buffer, h, size):
+    """Add the time integral of a step of the stabilised scheme, from both ends (Hermite)."""
+    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
+    total = block(buffer, AT_STAGE, INTEGRAL)
+    half, twelfth = 0.5 * h, h * h / 12.0
+    for i in range(size):
+        total[i] += half * (y[i] + new[i]) + twelfth * (k1[i] - k7[i])
+
+
+# --- the implicit step, extrapolated -------------------------------------------------------------
+@kernel
 def upward_rates(load, down, layers, up):
     """What each layer sends up, 1/s on its mass: as much as percolates down into it."""
     for j in range(layers - 1):
-        exchanged = 0.0
-        for i in range(load.shape[1]):
-            exchanged += down[j + 1, i] * load[j + 1, i]
         mass = layer_mass(load, j)
-        up[j] = exchanged / mass if mass > 0.0 else 0.0
+        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
 
 
 @kernel
 def implicit_step(load, rate, down, up, pivot, stay, layers, h):
-    """Solve (1 + h T_i) x = load for every class in place, T_i tridiagonal over the layers.
+    """Solve (1 + h T_i) x = load for every size in place, T_i tridiagonal over the layers.
 
     The elimination is written without a subtraction (`stay` is the part of a pivot that does not
     lead upwards), so masses stay positive and sum up to round-off for any h.
@@ -233,63 +857,67 @@ def implicit_step(load, rate, down, up, pivot, stay, layers, h):
 
 
 @kernel
-def basic_step(buffer, scene, k, layers, h):
+def basic_step(buffer, scene, k, layers, h, moment):
     """One step of first order on trial k: passage and percolation, then landing and settling.
 
-    Returns the number of layers after it.
+    Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
+    layers after it.
     """
-    load = trial_load(buffer, k)
-    flux = trial_flux(buffer, k)
-    time = trial_time(buffer, k)
-    rate = node_vector(buffer, AT_NODE_WORK, 0)
-    stay = node_vector(buffer, AT_NODE_WORK, 3)
-    source = node_vector(buffer, AT_SOURCE, 0)
-    down = column(buffer, AT_PERCOLATION, 0)
+    load, passed = block_load(buffer, AT_TRIAL, 2 * k), block_passed(buffer, AT_TRIAL, 2 * k)
+    state, time = block(buffer, AT_TRIAL, 2 * k), block(buffer, AT_TRIAL, 2 * k + 1)
+    rate, stay = active_vector(buffer, AT_NODE_WORK, 0), active_vector(buffer, AT_NODE_WORK, 3)
+    down = active_column(buffer, AT_PERCOLATION)
     up = vector(buffer, AT_UPWARD, int(buffer[N_LAYERS]), 0)
-    nodes = source.size
+    nodes = rate.size
     passage_rates(buffer, scene, load, layers, rate)
     upward_rates(load, down, layers, up)
-    implicit_step(load, rate, down, up, column(buffer, AT_SCRATCH, 0), stay, layers, h)
+    implicit_step(load, rate, down, up, active_column(buffer, AT_SCRATCH), stay, layers, h)
     for i in range(nodes):
-        flux[0, i] += h * rate[i] * load[0, i]
-        load[layers - 1, i] += h * source[i]
-    layers = restack(buffer, scene, load, layers)
-    for i in range(nodes):
-        flux[1, i] += h * flux[0, i]
-    for j in range(layers):
+        passed[i] += h * rate[i] * load[0, i]
+    terms = int(buffer[N_SOURCE])
+    if terms > 0:
+        source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
+        middle = moment + 0.5 * h
         for i in range(nodes):
-            time[j, i] += h * load[j, i]
+            rising = source[0, i]
+            if terms > 1:
+                rising += middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
+            load[layers - 1, i] += h * rising
+    layers = restack(buffer, scene, load, layers)
+    for i in range((layers + 1) * nodes):
+        time[i] += h * state[i]
     return layers
 
 
 @kernel
-def run_trial(buffer, scene, load, k, layers, rows, h):
-    """k + 1 basic steps over h from `load` into trial k, which uses at most `rows` layers."""
-    flux = trial_flux(buffer, k)
-    trial = trial_load(buffer, k)
-    time = trial_time(buffer, k)
-    nodes = load.shape[1]
-    for i in range(nodes):
-        flux[0, i] = 0.0
-        flux[1, i] = 0.0
-    for j in range(rows):
-        for i in range(nodes):
-            trial[j, i] = load[j, i]
-            time[j, i] = 0.0
-    layers_for(buffer, scene, bed_load(load, layers))
-    for _ in range(k + 1):
-        layers = basic_step(buffer, scene, k, layers, h / (k + 1))
+def run_trial(buffer, scene, k, layers, rows, h, moment):
+    """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
+    now = block(buffer, AT_STAGE, NOW)
+    state, time = block(buffer, AT_TRIAL, 2 * k), block(buffer, AT_TRIAL, 2 * k + 1)
+    for i in range((rows + 1) * int(buffer[N_ACTIVE])):
+        state[i] = now[i]
+        time[i] = 0.0
+    for i in range(int(buffer[N_ACTIVE])):
+        state[i] = 0.0
+    layers_for(buffer, scene, bed_load(block_load(buffer, AT_STAGE, NOW), layers))
+    part = h / (k + 1)
+    for n in range(k + 1):
+        layers = basic_step(buffer, scene, k, layers, part, moment + n * part)
 
 
 @kernel
-def rows_in_use(buffer, scene, load, layers, h):
+def rows_in_use(buffer, scene, load, layers, h, moment):
     """Layers that a step of h may need: what lands opens new ones, nothing else does."""
-    landing = 0.0
-    source = node_vector(buffer, AT_SOURCE, 0)
-    for i in range(source.size):
-        landing += source[i]
-    if landing == 0.0:
+    terms = int(buffer[N_SOURCE])
+    if terms == 0:
         return layers
+    landing = 0.0
+    source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, int(buffer[N_ACTIVE]))
+    middle = moment + 0.5 * h
+    for i in range(int(buffer[N_ACTIVE])):
+        landing += source[0, i]
+        if terms > 1:
+            landing += middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
     return max(layers, min(more, load.shape[0]))
 
@@ -300,39 +928,37 @@ def extrapolate(buffer, k, rows):
 
     Trial k keeps its own first-order value. `rows` is the highest number of layers in use.
     """
-    width = int(buffer[N_NODES])
-    layers = int(buffer[N_LAYERS])
-    size = (2 * layers + 2) * width
+    size = (rows + 1) * int(buffer[N_ACTIVE])
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
-        better = vector(buffer, AT_TRIAL, size, k - level + 1)
-        coarse = vector(buffer, AT_TRIAL, size, k - level)
-        for start, stop in ((0, 2 + rows), (2 + layers, 2 + layers + rows)):
-            for i in range(start * width, stop * width):
+        for part in range(2):
+            better = block(buffer, AT_TRIAL, 2 * (k - level + 1) + part)
+            coarse = block(buffer, AT_TRIAL, 2 * (k - level) + part)
+            for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
 
 @kernel
-def step_error(buffer, reference, rows):
-    """Largest difference of the two best extrapolations as a part of what was fed of a class."""
-    flux, coarse_flux = trial_flux(buffer, 0), trial_flux(buffer, 1)
-    load, coarse_load = trial_load(buffer, 0), trial_load(buffer, 1)
+def step_error(buffer, rows):
+    """Largest difference of the two best extrapolations as a part of what was fed of a size."""
+    flux, coarse_flux = block_passed(buffer, AT_TRIAL, 0), block_passed(buffer, AT_TRIAL, 2)
+    load, coarse_load = block_load(buffer, AT_TRIAL, 0), block_load(buffer, AT_TRIAL, 2)
+    weight = active_vector(buffer, AT_COMPACT, 1)
     worst = 0.0
-    for i in range(reference.size):
-        if reference[i] > 0.0:
-            moved = 0.0
-            for j in range(rows):
-                moved += abs(load[j, i] - coarse_load[j, i])
-            error = abs(flux[0, i] - coarse_flux[0, i]) + 0.5 * moved
-            worst = max(worst, error / reference[i])
+    for i in range(weight.size):
+        moved = 0.0
+        for j in range(rows):
+            moved += abs(load[j, i] - coarse_load[j, i])
+        error = abs(flux[i] - coarse_flux[i]) + 0.5 * moved
+        worst = max(worst, error * weight[i])
     return worst
 
 
 @kernel
 def carry_debts(flux, load, rows):
-    """Pay what extrapolation drew below zero from the same class next to it; sums stay.
+    """Pay what a high order drew below zero from the same size next to it; sums stay.
 
-    From the top layer down to what passed, and back up if that became a debt: a class as a whole
+    From the top layer down to what passed, and back up if that became a debt: a size as a whole
     is never below zero, so nothing is. Such debts are of the size of the step's error.
     """
     for i in range(flux.size):
@@ -351,51 +977,45 @@ def carry_debts(flux, load, rows):
 
 
 @kernel
-def accept(buffer, scene, load, rows, h):
+def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
-    best = trial_load(buffer, 0)
-    flux = trial_flux(buffer, 0)
-    time = trial_time(buffer, 0)
-    carry_debts(flux[0], best, rows)
-    carry_debts(flux[1], time, rows)
-    total_time = column(buffer, AT_COLUMN_TIME, 0)
-    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
-    for i in range(passed.size):
-        passed_time[i] += h * passed[i] + flux[1, i]
-        passed[i] += flux[0, i]
-    for j in range(rows):
-        for i in range(passed.size):
-            load[j, i] = best[j, i]
-            total_time[j, i] += time[j, i]
-    return restack(buffer, scene, load, rows)
+    size = (rows + 1) * int(buffer[N_ACTIVE])
+    now, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
+    best, time = block(buffer, AT_TRIAL, 0), block(buffer, AT_TRIAL, 1)
+    gone = int(buffer[N_ACTIVE])
+    carry_debts(block_passed(buffer, AT_TRIAL, 0), block_load(buffer, AT_TRIAL, 0), rows)
+    carry_debts(block_passed(buffer, AT_TRIAL, 1), block_load(buffer, AT_TRIAL, 1), rows)
+    for i in range(gone):
+        total[i] += h * now[i] + time[i]
+        now[i] += best[i]
+    for i in range(gone, size):
+        total[i] += time[i]
+        now[i] = best[i]
+    return restack(buffer, scene, block_load(buffer, AT_STAGE, NOW), rows)
 
 
 @kernel
-def try_step(buffer, scene, load, reference, layers, h, book):
+def try_implicit(buffer, scene, layers, h, moment, book):
     """Raise the order until the error of a step of h meets the tolerance.
 
     Returns the number of trials, negative if it does not meet it; the next step and order go to
     `book`.
     """
-    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
-    horizon = scene[S_HORIZON]
-    share = max(LEAST_SHARE, h / horizon) if horizon > 0.0 else LEAST_SHARE
-    allowed = parameter[TOLERANCE] * share
+    allowed = allowance(buffer, scene, h)
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     target = int(book[D_ORDER])
-    rows = rows_in_use(buffer, scene, load, layers, h)
+    rows = rows_in_use(buffer, scene, block_load(buffer, AT_STAGE, NOW), layers, h, moment)
     book[D_ROWS] = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0
     for k in range(min(target + 1, MAX_ORDER)):
-        run_trial(buffer, scene, load, k, layers, rows, h)
+        run_trial(buffer, scene, k, layers, rows, h, moment)
         counter[C_SUB_STEPS] += k + 1
         extrapolate(buffer, k, rows)
         used = k + 1
         if k == 0:
             continue
-        error = max(step_error(buffer, reference, rows) / allowed, 1e-30)
+        error = max(step_error(buffer, rows) / allowed, 1e-30)
         fit = h * min(6.0, max(0.1, 0.9 * (0.5 / error) ** (1.0 / used)))
         cost = trial_cost(used) / fit
         if error <= 1.0:
@@ -420,38 +1040,20 @@ def trial_cost(order):
     return 1.0 + 0.5 * order * (order + 1)
 
 
+# --- steps ---------------------------------------------------------------------------------------
 @kernel
-def first_step(buffer, scene, load, duration):
-    """A first step: the time in which the screen could take the contact layer once, s."""
+def allowance(buffer, scene, h):
+    """Error that a step of h may have, as a part of what was fed of a size."""
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+    horizon = scene[S_HORIZON]
+    return tolerance * (max(LEAST_SHARE, h / horizon) if horizon > 0.0 else LEAST_SHARE)
+
+
+@kernel
+def first_step(scene, duration):
+    """A first implicit step: the time in which the screen could take the contact layer once, s."""
     pace = scene[S_PASSAGE_VELOCITY] * scene[S_DENSITY] / scene[S_CONTACT_LOAD]
     return min(duration, 0.25 / pace) if pace > 0.0 else duration
-
-
-@kernel
-def passing_rate(buffer, scene, load, layers):
-    """What passes now in all, kg/(m2 s)."""
-    rate = node_vector(buffer, AT_NODE_WORK, 0)
-    passage_rates(buffer, scene, load, layers, rate)
-    total = 0.0
-    for i in range(rate.size):
-        total += rate[i] * load[0, i]
-    return total
-
-
-@kernel
-def mass_to_kink(scene, load, layers):
-    """Mass that passes until the top layer is gone, kg/m2 (0: no such moment ahead).
-
-    Rates have a kink there. A top layer thinner than THIN of a full one does not count: what it
-    could change is below what the extrapolation resolves.
-    """
-    above = bed_load(load, layers) - scene[S_CONTACT_LOAD]
-    if layers == 1:
-        return max(0.0, above)
-    top = layer_mass(load, layers - 1)
-    if top > THIN * scene[S_LAYER_FULL] or layers == 2:
-        return top
-    return top + layer_mass(load, layers - 2)
 
 
 @kernel
@@ -461,6 +1063,48 @@ def time_to_pass(mass, rate, slope):
     if rate <= 0.0 or root <= 0.0:
         return -1.0
     return 2.0 * mass / (rate + root**0.5)
+
+
+@kernel
+def mass_to_kink(buffer, scene, load, layers, growth):
+    """Mass that the top layer loses or gains until the rates have a kink, kg/m2; 0: none ahead.
+
+    A layer runs out or is filled; the bed gets thinner or thicker than the contact layer.
+    """
+    mass = layer_mass(load, layers - 1)
+    if layers > 1:
+        full = scene[S_LAYER_FULL]
+        distance = mass if growth < 0.0 else full - mass
+    else:
+        full = scene[S_CONTACT_LOAD]
+        distance = mass - full if growth < 0.0 else full - mass
+    return distance if distance > LANDING * full else 0.0
+
+
+@kernel
+def settle_top(buffer, scene, layers, growth):
+    """Close a top layer that has run out, open one above a full one; returns the layers."""
+    load = block_load(buffer, AT_STAGE, NOW)
+    nodes = load.shape[1]
+    full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
+    mass = layer_mass(load, layers - 1)
+    if layers > 1 and growth < 0.0 and mass <= LANDING * full:
+        for i in range(nodes):
+            load[layers - 2, i] += load[layers - 1, i]
+            load[layers - 1, i] = 0.0
+        return layers - 1
+    open_next = buffer[LAYERED] > 0.0 and growth > 0.0 and layers < load.shape[0]
+    if open_next and mass >= (1.0 - LANDING) * full:
+        for i in range(nodes):
+            load[layers, i] = 0.0
+        return layers + 1
+    return layers
+
+
+@kernel
+def top_growth(buffer, layers):
+    """What the top layer gains, kg/(m2 s), by the rates in K1."""
+    return layer_mass(block_load(buffer, AT_STAGE, K1), layers - 1)
 
 
 @kernel
@@ -482,42 +1126,186 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
 
     `load` is advanced in place. The fields column_flux (what passed, kg/m2, and its time integral)
     and column_time (time integral of the loads, kg s/m2) hold the sums over the duration.
-    `reference` is what was fed of each node, kg/m2: errors are a part of it. Steps are drawn to
-    the moments at which a layer runs out.
+    `reference` is what was fed of each node, kg/m2: errors are a part of it. The first N_SOURCE
+    rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     clear_sums(buffer)
-    if book[D_STEP] <= 0.0:
-        book[D_STEP], book[D_ORDER] = first_step(buffer, scene, load, duration), 3
+    explicit = vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_EXPLICIT] > 0.0
     shortest = SHORTEST * max(duration, scene[S_HORIZON])
     left = duration
-    rate, slope = -1.0, 0.0
-    h = 0.0
-    used = 1
     while left > 0.0:
+        gather(buffer, scene, load, reference, layers)
+        layers_for(buffer, scene, bed_load(block_load(buffer, AT_STAGE, NOW), layers))
+        before, rows = left, layers
+        layers, left = advance_block(
+            buffer, scene, book, layers, duration, left, shortest, explicit
+        )
+        rows = max(rows, int(book[D_ROWS]))
+        scatter(buffer, load, layers, rows, before - left)
+    return layers
+
+
+@kernel
+def advance_block(buffer, scene, book, layers, duration, left, shortest, explicit):
+    """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left."""
+    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
+    load = block_load(buffer, AT_STAGE, NOW)
+    most = layers
+    fresh = False  # whether K1 holds the rates at NOW
+    before, h = 0.0, 0.0  # growth of the top layer a step ago
+    for _ in range(REVIEW):
+        if left <= 0.0:
+            break
+        moment = duration - left
+        if not fresh:
+            keep_top_share(buffer, layers)
+            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, moment)
+        for attempt in range(2):
+            settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
+            if settled == layers or (attempt == 1 and settled > layers):
+                break
+            layers = settled
+            most = max(most, layers)
+            keep_top_share(buffer, layers)
+            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, moment)
+            before, h = 0.0, 0.0
+        growth = top_growth(buffer, layers)
+        slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
+        distance = mass_to_kink(buffer, scene, load, layers, growth)
+        kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
+        fastest = fastest_rate(buffer, layers)
+        deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
+            layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > 0.0
+        )
+        if explicit and fastest * left < STIFF and not deep:
+            h, ended = explicit_length(
+                buffer, scene, book, layers, left, kink, fastest, moment, shortest
+            )
+            counter[C_COLUMN_STEPS] += 1
+            before = growth
+            paid = take_explicit(buffer, (layers + 1) * int(buffer[N_ACTIVE]), ended)
+            if not paid:
+                carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
+            fresh = ended and paid
+            keep_top_share(buffer, layers)
+        else:
+            h = implicit_length(buffer, scene, book, layers, left, kink, moment, shortest)
+            counter[C_COLUMN_STEPS] += 1
+            rows = int(book[D_ROWS])
+            layers = take_implicit(buffer, scene, rows, h)
+            most = max(most, rows)
+            if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
+                book[D_CAPACITY_ALARM] = 1.0
+            fresh = False
+        left = 0.0 if h == left else left - h
+    book[D_ROWS] = most
+    return layers, left
+
+
+@kernel
+def choose_scheme(buffer, book, fastest, left):
+    """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
+
+    `wide` is the step that an error of third order allows. Returns the scheme and h [s].
+    """
+    wide = book[D_WIDE] if book[D_WIDE] > 0.0 else FIRST / max(fastest, FIRST / left)
+    spread = wide * fastest
+    if spread > WIDE_FROM and buffer[N_SOURCE] < 2.0:
+        scheme, h = STABILISED, min(wide, MOST_STAGES * MOST_STAGES / 1.54 / fastest)
+    elif spread > POSITIVE_FROM:
+        scheme, h = POSITIVE, min(POSITIVE_GAIN * wide, POSITIVE_STABLE / fastest)
+    else:
+        most = STABLE / fastest if fastest > 0.0 else left
+        scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else 0.5 * most, most)
+    return scheme, left if h > 0.99 * left else min(h, 0.5 * left)
+
+
+@inlined
+def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, shortest):
+    """Find the length of an explicit step that meets the tolerance, its stages done.
+
+    Returns the length [s], and whether the last stage lies at its end.
+    """
+    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
+    load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    growth = top_growth(buffer, layers)
+    distance = mass_to_kink(buffer, scene, load, layers, growth)
+    full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
+    mass = layer_mass(load, layers - 1)
+    scheme, h = choose_scheme(buffer, book, fastest, left)
+    cut = 0.0 < kink < h
+    if cut:
+        h = kink
+    landings = 0
+    while True:
+        allowed = MARGIN[scheme] * allowance(buffer, scene, h)
+        if scheme == STABILISED:
+            stages = stages_for(h * fastest)
+            error = stabilised_step(buffer, scene, layers, h, stages, moment) / allowed
+        elif scheme == POSITIVE:
+            error = positive_step(buffer, scene, layers, h, moment) / allowed
+        else:
+            error = pair_step(buffer, scene, layers, h, moment) / allowed
+        power = -0.25 if scheme == PAIR else -0.5
+        fit = h * min(5.0, max(0.2, 0.85 * max(error, 1e-10) ** power))
+        if error > 1.0 and h > shortest:
+            counter[C_COLUMN_REJECTED] += 1
+            h = min(fit, 0.9 * h)
+            cut = False
+            continue
+        if error > 1.0:
+            counter[C_COLUMN_FORCED] += 1
+        moved = abs(layer_mass(staged, layers - 1) - mass)
+        if distance > 0.0 and moved > distance + LANDING * full and landings < 8:
+            # Past a kink: end the step there.
+            at, part = (K4, 0.5) if scheme == POSITIVE else (K7, 1.0)
+            after = abs(layer_mass(block_load(buffer, AT_STAGE, at), layers - 1))
+            slope = (after - abs(growth)) / (part * h)
+            again = time_to_pass(distance, abs(growth), slope)
+            straight = h * distance / moved
+            h = again if 0.5 * straight < again < min(h, 2.0 * straight) else straight
+            landings += 1
+            counter[C_LANDINGS] += 1
+            cut = True
+            continue
+        if scheme == STABILISED:
+            integrate_ends(buffer, h, size)
+            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
+            counter[C_STABILISED_STEPS] += 1
+        elif scheme == POSITIVE:
+            integrate_positive(buffer, h, size)
+            fit /= POSITIVE_GAIN
+            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
+            counter[C_POSITIVE_STEPS] += 1
+        else:
+            integrate_stages(buffer, h, size)
+            book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
+            error = third_order_error(buffer, h, layers) * MARGIN[PAIR] / MARGIN[STABILISED]
+            error = max(error / allowed, 1e-10)
+            book[D_WIDE] = h * min(5.0, 0.85 * error**-0.5)
+            counter[C_PAIR_STEPS] += 1
+        return h, scheme != POSITIVE
+
+
+@inlined
+def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
+    """Find the length of an implicit step that meets the tolerance, its trials done; s."""
+    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
+    if book[D_STEP] <= 0.0:
+        book[D_STEP], book[D_ORDER] = first_step(scene, left), 3
+    while True:
         planned, order = book[D_STEP], book[D_ORDER]
-        if used > 0:
-            before = rate
-            rate = passing_rate(buffer, scene, load, layers)
-            slope = (rate - before) / h if h > 0.0 and before > 0.0 else 0.0
         h = left if planned > 0.99 * left else min(planned, 0.5 * left)
-        kink = time_to_pass(mass_to_kink(scene, load, layers), rate, slope)
         if shortest < kink < h:
             h = kink
-        used = try_step(buffer, scene, load, reference, layers, h, book)
+        used = try_implicit(buffer, scene, layers, h, moment, book)
         if used < 0 and h > shortest:
             counter[C_COLUMN_REJECTED] += 1
             continue
         if used < 0:
             counter[C_COLUMN_FORCED] += 1
-            used = -used
             book[D_STEP] = 4.0 * h
         elif h < planned:
             book[D_STEP], book[D_ORDER] = max(planned, book[D_STEP]), max(order, book[D_ORDER])
-        counter[C_COLUMN_STEPS] += 1
-        rows = int(book[D_ROWS])
-        layers = accept(buffer, scene, load, rows, h)
-        if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
-            book[D_CAPACITY_ALARM] = 1.0
-        left = 0.0 if h == left else left - h
-    return layers
+        return h

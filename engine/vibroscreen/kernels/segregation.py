@@ -65,6 +65,38 @@ def layer_mass(load, row):
 
 
 @kernel
+def weighted_mass(load, row, weight, weight_row):
+    """Sum over the sizes of a layer of weight times areal mass."""
+    nodes = load.shape[1]
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = nodes - nodes % 4
+    for i in range(0, whole, 4):
+        a += load[row, i] * weight[weight_row, i]
+        b += load[row, i + 1] * weight[weight_row, i + 1]
+        c += load[row, i + 2] * weight[weight_row, i + 2]
+        d += load[row, i + 3] * weight[weight_row, i + 3]
+    for i in range(whole, nodes):
+        a += load[row, i] * weight[weight_row, i]
+    return (a + b) + (c + d)
+
+
+@kernel
+def size_moment(load, row, size):
+    """Sum over the sizes of a layer of size times areal mass, kg/m."""
+    nodes = load.shape[1]
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = nodes - nodes % 4
+    for i in range(0, whole, 4):
+        a += load[row, i] * size[i]
+        b += load[row, i + 1] * size[i + 1]
+        c += load[row, i + 2] * size[i + 2]
+        d += load[row, i + 3] * size[i + 3]
+    for i in range(whole, nodes):
+        a += load[row, i] * size[i]
+    return (a + b) + (c + d)
+
+
+@kernel
 def well_mixed(size, load, layers, scene, contact, percolation):
     """The contact layer has the mean composition of the bed (the classical first-order model)."""
     mass = layer_mass(load, 0)
@@ -107,19 +139,17 @@ def exchange(size, load, layers, scene, contact, percolation):
     well_mixed(size, load, layers, scene, contact, percolation)
     fill_below = layer_mass(load, 0) / scene[S_CONTACT_LOAD]
     for j in range(1, layers):
-        mass, moment = 0.0, 0.0
-        for i in range(size.size):
-            mass += load[j, i]
-            moment += load[j, i] * size[i]
+        mass = layer_mass(load, j)
         fill = mass / scene[S_LAYER_FULL]
-        radius = 0.5 * moment / mass if mass > 0.0 else 0.0
+        radius = 0.5 * size_moment(load, j, size) / mass if mass > 0.0 else 0.0
         opening = 2.0 * gap_radius(radius, scene[S_DILATION])
         flux = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY] * min(1.0, fill, fill_below)
         rate = flux * gap_open_area(radius, scene[S_DILATION]) / mass if mass > 0.0 else 0.0
         inverse = 1.0 / opening if opening > 0.0 else 0.0
+        rate = rate if opening > 0.0 else 0.0
         for i in range(size.size):
             free = max(0.0, 1.0 - size[i] * inverse)
-            percolation[j, i] = rate * free * free if inverse > 0.0 else 0.0
+            percolation[j, i] = rate * free * free
         fill_below = fill
 
 

@@ -14,7 +14,9 @@ from vibroscreen.kernels.layout import (
     AT_LEAD_PASSED,
     AT_SCENE,
     D_LEAD_LAYERS,
+    D_PACE,
     D_STEP,
+    D_WIDE,
     FEED_RATE,
     INPUT,
     S_HORIZON,
@@ -68,5 +70,5 @@ def lay_batch(buffer, areal_mass, horizon):
             lead[j, i] = 0.0
         lead[0, i] = fed[i]
     scene[S_HORIZON] = horizon
-    book[D_STEP] = 0.0
+    book[D_STEP], book[D_PACE], book[D_WIDE] = 0.0, 0.0, 0.0
     book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
