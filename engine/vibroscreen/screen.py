@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.config import ScreenConfig
+from vibroscreen.config import Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
@@ -37,6 +37,9 @@ _LOG = logging.getLogger(__name__)
 # A package is never longer than this part of the deck, less where the tolerance asks for it.
 LEAST_CELLS = 64
 MOST_CELLS = 512
+MOST_DECKS = 4
+# Knots along a deck that has one below; where they run out every second one goes.
+KNOTS = 512
 
 # What a user calls the numbers of the buffer: (field, scalar) -> name, unit, cure.
 VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
@@ -93,17 +96,29 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
 }
 
 
+@dataclass(frozen=True)
+class DeckBed:
+    """The bed on a deck: hold_up in kg, depths in m, transport_velocity in m/s (first panel)."""
+
+    hold_up: float
+    depth_feed: float
+    depth_discharge: float
+    transport_velocity: float
+
+
 @dataclass(frozen=True, eq=False)
 class StepResult:
     """What a step gave: means over the step, cumulative masses and the state after it.
 
-    undersize and oversize in kg/s; hold_up in kg; depths in m; transport_velocity in m/s;
-    throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
+    undersize, oversize and intermediate (over each lower deck) in kg/s; hold_up in kg; depths in m
+    and transport_velocity in m/s, of the top deck (`decks` has those of each deck); throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
     in W; balance_error in kg; alarms: names of those that are set.
     """
 
     undersize: Stream
     oversize: Stream
+    intermediate: tuple[Stream, ...]
+    decks: tuple[DeckBed, ...]
     hold_up: float
     depth_feed: float
     depth_discharge: float
@@ -212,6 +227,13 @@ class Screen:
         return StepResult(
             undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
             oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
+            intermediate=tuple(
+                Stream(float(rate), fraction.copy())
+                for (rate, _), fraction in zip(
+                    self.view("intermediate"), self.view("intermediate_fraction"), strict=True
+                )
+            ),
+            decks=tuple(DeckBed(*row) for row in self.view("deck_bed").tolist()),
             alarms=tuple(name.replace("alarm_", "alarm.") for name in alarms),
             **{name: output[name] for name in _SCALARS},
         )
@@ -222,11 +244,16 @@ class Screen:
 
         ledger = self.view("ledger")
         whole = {"initial": self.view("initial_mass").copy()}
-        for name, row in (("fed", lay.FED), ("undersize", lay.UNDER), ("oversize", lay.OVER)):
-            whole[name] = ledger[row] + ledger[row + 1]
+        names = {"fed": lay.FED, "undersize": lay.UNDER, "oversize": lay.OVER}
+        for k in range(1, len(self.config.decks)):
+            names[f"intermediate_{k}"] = lay.OVER + k
+        for name, row in names.items():
+            whole[name] = ledger[2 * row] + ledger[2 * row + 1]
         whole["held"] = self.view("held").copy()
-        gone = (ledger[lay.FED] - ledger[lay.UNDER]) - ledger[lay.OVER]
-        rest = (ledger[lay.FED + 1] - ledger[lay.UNDER + 1]) - ledger[lay.OVER + 1]
+        gone, rest = ledger[2 * lay.FED].copy(), ledger[2 * lay.FED + 1].copy()
+        for row in range(lay.UNDER, lay.OVER + len(self.config.decks)):
+            gone -= ledger[2 * row]
+            rest -= ledger[2 * row + 1]
         whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
         return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
 
@@ -290,12 +317,17 @@ class Screen:
 
 def check_supported(config: ScreenConfig) -> None:
     """Raise ConfigError for a configuration that the engine cannot run."""
-    panels = max(len(deck.panels) for deck in config.decks)
-    if len(config.decks) != 1 or panels != 1:
+    if len(config.decks) > MOST_DECKS:
         raise ConfigError(
-            f"deck: {len(config.decks)} decks with {panels} panels: "
-            "give one [[deck]] with one [[deck.panel]], more are not supported yet"
+            f"deck: {len(config.decks)} decks are more than a box has: give at most {MOST_DECKS} "
+            "[[deck]]"
         )
+    for place, deck in enumerate(config.decks, start=1):
+        if len(deck.panels) > LEAST_CELLS:
+            raise ConfigError(
+                f"deck[{place}].panel: {len(deck.panels)} panels are more than the {LEAST_CELLS} "
+                "cells of a deck: join the ones that are alike"
+            )
     room, cells = config.solver.packages, _cells(config)
     if 0 < room < cells + 4:
         raise ConfigError(
@@ -310,6 +342,16 @@ def _cells(config: ScreenConfig) -> int:
     return min(MOST_CELLS, max(LEAST_CELLS, cells))
 
 
+def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
+    """Cells on each panel of a deck: by its length, at least one."""
+    ends = np.cumsum([panel.length for panel in deck.panels]) * cells / deck.length
+    count = [0]
+    for k, end in enumerate(ends[:-1], start=1):
+        least, most = count[-1] + 1, cells - (len(deck.panels) - k)
+        count.append(min(most, max(least, round(float(end)))))
+    return np.diff([*count, max(cells, count[-1] + 1)]).tolist()
+
+
 def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
     """Dimensions of a screen; without packages only one slice has room."""
     cells = _cells(config)
@@ -320,12 +362,16 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
             "classes": config.size_classes.count,
             "nodes": nodes.count,
             "decks": len(config.decks),
-            "panels": len(config.decks[0].panels),
+            "panels": max(len(deck.panels) for deck in config.decks),
             "layers": config.bed.layers if segregation.layered else 1,
             "packages": room if packages else 1,
             "cells": cells,
             "layered": int(segregation.layered),
             "bed_layers": config.bed.layers,
+            "knots": KNOTS if len(config.decks) > 1 else 1,
+            "falls": room if packages and len(config.decks) > 1 else 1,
+            "recorded": 0,
+            "recorded_from": 0,
             "active": nodes.count,
             "source_terms": 0,
             "displacement_work": WORK_SIZE,
@@ -369,7 +415,12 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> N
     put("upper", config.size_classes.upper)
     put("edge", config.size_classes.edges)
     put("width", [deck.width for deck in config.decks])
-    put("panel", [[dataclasses.astuple(p) for p in deck.panels] for deck in config.decks])
+    cells = layout.dimension["cells"]
+    for d, deck in enumerate(config.decks):
+        count = len(deck.panels)
+        layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
+        layout.view(buffer, "panel_count")[d] = count
+        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, cells)
     put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())
     put("size", nodes.size)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen import performance
-from vibroscreen.config import ScreenConfig
+from vibroscreen.config import Deck, ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.kernels import layout as lay
-from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
+from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
@@ -34,8 +34,9 @@ class Profile:
     """What lies along the deck: areal mass [kg/m2] by position, layer and class.
 
     position[point] in m from the feed end; load[point, layer, class], layer 0 on the screen (a
-    model without layers has one); passed[point, class]: what passed up to there, kg/m2 of the
-    slice that rides along. At every point load summed over layers plus passed is what was fed.
+    model without layers has one), just before the end of a panel where a point lies there;
+    passed[point, class]: what passed up to there, as areal mass on the first panel. On a deck with
+    one panel load summed over layers plus passed is what was fed at every point of the top deck.
     """
 
     position: Array
@@ -69,9 +70,10 @@ class SteadyResult:
     """Steady state of a screen.
 
     recovery[class]: part of each class that reaches the undersize, 0 for a class that is not fed;
-    undersize, oversize: streams in kg/s; transport_velocity in m/s; residence_time in s; hold_up
-    in kg. The partition over the engine's own nodes, the profile and the tables are computed when
-    they are read.
+    undersize (through the lowest deck), oversize (over the top deck), intermediate (over each deck
+    below it): streams in kg/s; transport_velocity in m/s and residence_time in s of the top deck;
+    hold_up in kg on all decks, deck_hold_up on each. The partition over the engine's own nodes, the
+    profiles and the tables are computed when they are read.
     """
 
     config: ScreenConfig
@@ -79,12 +81,15 @@ class SteadyResult:
     recovery: Array
     undersize: Stream
     oversize: Stream
+    intermediate: tuple[Stream, ...]
     transport_velocity: float
     residence_time: float
+    deck_hold_up: tuple[float, ...]
     _nodes: Nodes = field(repr=False)
     _fine: Array = field(repr=False)
+    _between: Array = field(repr=False)
     _coarse: Array = field(repr=False)
-    _march: Callable[[int], Profile] = field(repr=False)
+    _march: Callable[[int], tuple[Profile, ...]] = field(repr=False)
 
     @property
     def aperture(self) -> float:
@@ -93,9 +98,14 @@ class SteadyResult:
 
     @cached_property
     def partition(self) -> performance.Partition:
-        """Partition curve over the nodes inside the classes, cut size and ecart probable."""
+        """Partition curve of the top deck over the nodes inside the classes, and sizes from it."""
         largest = max(panel.aperture for panel in self.config.decks[0].panels)
-        return performance.partition(self._nodes.size, self._fine, self._coarse, largest)
+        through = self._fine + self._between
+        return performance.partition(self._nodes.size, through, self._coarse, largest)
+
+    @property
+    def _fed(self) -> Array:
+        return self._fine + self._between + self._coarse
 
     @property
     def cut_size(self) -> float:
@@ -111,41 +121,50 @@ class SteadyResult:
     def undersize_recovery(self) -> float:
         """Undersize finer than the aperture over the same in the feed."""
         return performance.undersize_recovery(
-            self._nodes.size, self._fine + self._coarse, self._fine, self.aperture
+            self._nodes.size, self._fed, self._fine, self.aperture
         )
 
     @property
     def efficiency(self) -> float:
         """Undersize recovery times oversize recovery."""
         return performance.screening_efficiency(
-            self._nodes.size, self._fine + self._coarse, self._fine, self._coarse, self.aperture
+            self._nodes.size, self._fed, self._fine, self._coarse, self.aperture
         )
 
     @cached_property
-    def profile(self) -> Profile:
-        """What lies along the deck, at 65 positions from the feed end to the discharge."""
+    def profiles(self) -> tuple[Profile, ...]:
+        """What lies along every deck, at 65 positions from the feed end to the discharge."""
         return self._march(PROFILE_POINTS)
 
     @property
+    def profile(self) -> Profile:
+        """What lies along the top deck."""
+        return self.profiles[0]
+
+    @property
     def hold_up(self) -> float:
-        """What lies on the deck, kg: the profile integrated along the deck (Simpson's rule)."""
-        load = self.profile.load.sum(axis=(1, 2))
-        step = self.profile.position[1] - self.profile.position[0]
-        weight = np.ones(load.size)
-        weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
-        return float(self.config.decks[0].width * step / 3.0 * (weight @ load))
+        """What lies on all decks, kg."""
+        return sum(self.deck_hold_up)
 
     def frame(self) -> pd.DataFrame:
-        """Table by class: limits [m], feed, undersize, oversize [kg/s], recovery [1]."""
+        """Table by class: limits [m], feed, undersize, oversize [kg/s], recovery [1].
+
+        With several decks also what leaves over each lower one, intermediate_1_kg_s and so on.
+        """
         import pandas as pd
 
         classes = self.config.size_classes
+        between = {
+            f"intermediate_{k}_kg_s": stream.class_rates
+            for k, stream in enumerate(self.intermediate, start=1)
+        }
         return pd.DataFrame(
             {
                 "lower_m": classes.lower,
                 "upper_m": classes.upper,
                 "feed_kg_s": self.feed.class_rates,
                 "undersize_kg_s": self.undersize.class_rates,
+                **between,
                 "oversize_kg_s": self.oversize.class_rates,
                 "recovery": self.recovery,
             },
@@ -170,52 +189,85 @@ def solve(
             "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
             "feed.mass_flow_rate",
         )
-    check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
-    velocity = float(layout.view(buffer, "scene")[0, 0, lay.S_TRANSPORT_VELOCITY])
-    if velocity <= 0.0:
+    check(run(buffer, SOLVE, 0.0, 0.0), buffer, layout)
+    decks = len(config.decks)
+    velocities = [
+        layout.view(buffer, "scene")[d, : len(deck.panels), lay.S_TRANSPORT_VELOCITY].copy()
+        for d, deck in enumerate(config.decks)
+    ]
+    if min(float(speeds.min()) for speeds in velocities) <= 0.0:
         raise _no_conveying(config, layout, buffer)
     count = config.size_classes.count
-    residence = config.decks[0].length / velocity
     setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
     set_now = buffer[setting].copy()
-    carried = config.decks[0].width * velocity
 
-    def march(points: int) -> Profile:
+    def march(points: int) -> tuple[Profile, ...]:
         buffer[setting] = set_now
         check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
-        shape = layout.shape["column"]
-        load, passed = np.zeros((points, *shape)), np.zeros((points, nodes.count))
-        for k in range(points):
-            if k > 0:
-                run(buffer, FOLLOW, residence / (points - 1), 0.0)
-            load[k] = layout.view(buffer, "lead")[0]
-            passed[k] = layout.view(buffer, "lead_passed")[0]
-        used = int(np.flatnonzero(load.any(axis=(0, 2)))[-1]) + 1
-        return Profile(
-            np.linspace(0.0, config.decks[0].length, points),
-            by_class(nodes, load[:, :used], count),
-            by_class(nodes, passed, count),
-            config.material.bulk_density,
+        return tuple(
+            _profile(config, nodes, layout, buffer, d, velocities[d], points) for d in range(decks)
         )
 
-    run(buffer, FOLLOW, residence, 0.0)
-    fine = carried * layout.view(buffer, "lead_passed")[0]
-    coarse = carried * layout.view(buffer, "lead")[0].sum(axis=0)
-    under, over = by_class(nodes, fine, count), by_class(nodes, coarse, count)
-    total = under + over
+    streams = layout.view(buffer, "step_mass").copy()
+    through, over = streams[decks - 1], streams[decks:]
+    rates = by_class(nodes, streams[decks - 1 :], count)
+    total = rates.sum(axis=0)
     fed = np.asarray(feed.mass_fraction)
+    products = [Stream.of_class_rates(row, fed) for row in rates]
     return SteadyResult(
         config,
         feed,
-        np.divide(under, total, out=np.zeros(count), where=total > 0.0),
-        Stream.of_class_rates(under, fed),
-        Stream.of_class_rates(over, fed),
-        velocity,
-        residence,
+        np.divide(rates[0], total, out=np.zeros(count), where=total > 0.0),
+        products[0],
+        products[1],
+        tuple(products[2:]),
+        float(velocities[0][0]),
+        _residence(config.decks[0], velocities[0]),
+        tuple(layout.view(buffer, "hold_up_work").tolist()),
         nodes,
-        fine,
-        coarse,
+        through,
+        over[1:].sum(axis=0),
+        over[0],
         march,
+    )
+
+
+def _residence(deck: Deck, velocity: Array) -> float:
+    """Time from the feed end to the discharge, s."""
+    return sum(panel.length / float(v) for panel, v in zip(deck.panels, velocity, strict=True))
+
+
+def _profile(
+    config: ScreenConfig,
+    nodes: Nodes,
+    layout: Layout,
+    buffer: Array,
+    deck: int,
+    velocity: Array,
+    points: int,
+) -> Profile:
+    """Profile of a deck; those above it have been followed in the same buffer."""
+    if deck > 0:
+        run(buffer, START_BELOW, float(deck), 0.0)
+    panels = config.decks[deck].panels
+    position = np.linspace(0.0, config.decks[deck].length, points)
+    ends = np.cumsum([0.0, *(panel.length for panel in panels)])
+    times = np.cumsum([0.0, *(p.length / float(v) for p, v in zip(panels, velocity, strict=True))])
+    moments = np.interp(position, ends, times)
+    shape = layout.shape["column"]
+    load, passed = np.zeros((points, *shape)), np.zeros((points, nodes.count))
+    for k in range(points):
+        if k > 0:
+            run(buffer, FOLLOW, float(moments[k] - moments[k - 1]), float(deck))
+        load[k] = layout.view(buffer, "lead")[deck]
+        passed[k] = layout.view(buffer, "lead_passed")[deck]
+    used = int(np.flatnonzero(load.any(axis=(0, 2)))[-1]) + 1 if load.any() else 1
+    count = config.size_classes.count
+    return Profile(
+        position,
+        by_class(nodes, load[:, :used], count),
+        by_class(nodes, passed, count),
+        config.material.bulk_density,
     )
 
 

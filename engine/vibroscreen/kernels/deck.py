@@ -1,31 +1,40 @@
-"""Packages on a deck: entry, transport, discharge, merging (MODEL.md, "The deck").
+"""Packages on a deck: entry, transport over its panels, discharge, merging (MODEL.md, "The deck").
 
-A deck holds two rows of packages, by position from the discharge to the feed end:
+Places along a deck are told by the riding time [s] from the feed end, in which every package moves
+by the same amount whatever panel it is on. A deck holds two rows of packages, from the discharge to
+the feed end:
   the queue: packages with a history of their own, first to be discharged first;
-  the cohort: all that entered since motion, material and feed last changed. Its slices share one
-      trajectory, so its cells [k d, (k+1) d] hold the same at any time, and only its leading
-      slice (`lead`) is integrated. When it reaches the discharge the deck is steady.
+  the cohort: all that entered since motion, material and feed last changed (on a lower deck: since
+      what falls on it is steady). Its slices share one trajectory, so its cells hold the same at
+      any time, and only its leading slice (`lead`) is integrated. When it reaches the discharge
+      the deck is steady.
 When something changes, the cohort joins the queue and a new one begins. Loads are in kg/m2, a
-package keeps its length while it rides, so mass = width x length x load is moved, never made.
-Where the deck stands still (or creeps) the feed lands on top of a pile of the least length.
+package keeps its length while it rides on a panel, so mass = width x length x load is moved, never
+made. Where the deck stands still (or creeps) the feed lands on top of a pile.
 """
 
 from __future__ import annotations
 
 from vibroscreen.kernels.jit import inlined, kernel
+from vibroscreen.kernels.landing import fall_row, fall_vector, lead_source, record_nothing
 from vibroscreen.kernels.layout import (
+    AT_CARRY,
     AT_CELL,
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
     AT_COUNTER,
+    AT_FALL_COHORT,
+    AT_FALL_COUNT,
     AT_FEED_FRACTION,
     AT_FREE,
+    AT_LANDING,
     AT_LAYERS_USED,
     AT_LEAD,
     AT_LEAD_FEED,
     AT_LEAD_PASSED,
     AT_LENGTH,
     AT_LOAD,
+    AT_ON_PANEL,
     AT_PACE,
     AT_PARAMETER,
     AT_PARTIAL,
@@ -34,7 +43,7 @@ from vibroscreen.kernels.layout import (
     AT_SCENE,
     AT_SOURCE,
     AT_STEP_MASS,
-    AT_WIDTH,
+    AT_SWITCH,
     BED_LAYERS,
     C_MERGES,
     C_PACKAGES,
@@ -44,8 +53,12 @@ from vibroscreen.kernels.layout import (
     D_CELLS,
     D_COHORT_FED,
     D_COHORT_FRONT,
+    D_COHORT_ON,
     D_COVERED,
+    D_KNOT,
+    D_KNOTS,
     D_LEAD_LAYERS,
+    D_LEAD_PANEL,
     D_ORDER,
     D_PACE,
     D_PACKAGES,
@@ -55,30 +68,44 @@ from vibroscreen.kernels.layout import (
     D_STEP,
     D_WIDE,
     LAYERED,
-    LENGTH,
     N_CELLS,
     N_DECKS,
     N_PACKAGES,
-    N_PANELS,
     N_SOURCE,
     PARAMETER,
+    RECORDED,
+    RECORDED_FROM,
     S_CONTACT_LOAD,
     S_DENSITY,
     S_LAYER_LOAD,
     S_PASSAGE_VELOCITY,
     S_SEGREGATION_VELOCITY,
-    S_TRANSPORT_VELOCITY,
+    SWITCH,
     TOLERANCE,
+    W_IDLE,
     column,
     deck_vector,
     node_vector,
     package_vector,
-    panel_vector,
     scene_vector,
     slot,
     vector,
 )
-from vibroscreen.kernels.package import bed_load, integrate, restack
+from vibroscreen.kernels.package import bed_load, clear_sums, integrate, restack
+from vibroscreen.kernels.place import (
+    cell_end,
+    cell_length,
+    cell_panel,
+    conveys,
+    deck_length,
+    deck_width,
+    panel_count,
+    panel_end_time,
+    panel_velocity,
+    place_after,
+    residence_time,
+    riding_time,
+)
 
 # A feed piles up where it would lie deeper than this part of the deck's length.
 PILE_DEPTH = 0.5
@@ -86,34 +113,6 @@ PILE_DEPTH = 0.5
 MOMENT = 1e-9
 # Two pieces become one package up to this part over the length of a cell.
 JOIN = 1.0 + 1e-9
-
-
-@kernel
-def deck_width(buffer, deck):
-    """Width of a deck, m."""
-    return vector(buffer, AT_WIDTH, int(buffer[N_DECKS]), 0)[deck]
-
-
-@kernel
-def deck_length(buffer, deck):
-    """Length of a deck, m."""
-    length = 0.0
-    for panel in range(int(buffer[N_PANELS])):
-        length += panel_vector(buffer, deck, panel)[LENGTH]
-    return length
-
-
-@kernel
-def cell_length(buffer, deck):
-    """Length of a cell of the cohort, the longest package, and of a pile, m."""
-    return deck_length(buffer, deck) / int(buffer[N_CELLS])
-
-
-@kernel
-def residence_time(buffer, deck, scene):
-    """Time from the feed end to the discharge, s; 0 where the deck does not convey."""
-    velocity = scene[S_TRANSPORT_VELOCITY]
-    return deck_length(buffer, deck) / velocity if velocity > 0.0 else 0.0
 
 
 @kernel
@@ -126,16 +125,26 @@ def bed_capacity(buffer, deck):
 
 @kernel
 def clear_deck(buffer, deck):
-    """An empty deck: all slots free, no cohort."""
+    """An empty deck: no cohort; a lower deck is laid out with empty packages of a cell's length."""
     book = deck_vector(buffer, deck)
     for i in range(book.size):
         book[i] = 0.0
     free = package_vector(buffer, AT_FREE, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
+    cells = int(buffer[N_CELLS])
+    if deck > 0 and free.size > cells:
+        queue = package_vector(buffer, AT_QUEUE, deck)
+        for cell in range(cells - 1, -1, -1):
+            index = new_slot(buffer, deck)
+            panel = cell_panel(buffer, deck, cell)
+            package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
+            package_vector(buffer, AT_LENGTH, deck)[index] = cell_length(buffer, deck, panel)
+            queue[int(book[D_PACKAGES])] = index
+            book[D_PACKAGES] += 1.0
 
 
-# --- slots -------------------------------------------------------------------------------------
+# --- slots ---------------------------------------------------------------------------------------
 @kernel
 def free_slots(buffer, deck):
     """Number of package slots that nobody uses."""
@@ -164,6 +173,7 @@ def new_slot(buffer, deck):
             load[j, i] = 0.0
     package_vector(buffer, AT_LENGTH, deck)[index] = 0.0
     package_vector(buffer, AT_LAYERS_USED, deck)[index] = 1.0
+    package_vector(buffer, AT_ON_PANEL, deck)[index] = 0.0
     pace = vector(buffer, AT_PACE, 4, whole)
     book = deck_vector(buffer, deck)
     keep_pace(book, pace)
@@ -189,6 +199,14 @@ def queue_slot(buffer, deck, place):
 
 
 @kernel
+def join_back(buffer, deck, index):
+    """Put a package behind the last one of the queue."""
+    book = deck_vector(buffer, deck)
+    package_vector(buffer, AT_QUEUE, deck)[int(book[D_PACKAGES])] = index
+    book[D_PACKAGES] += 1.0
+
+
+@kernel
 def leave_queue(buffer, deck, place):
     """Take the package at `place` out of the queue and free its slot."""
     book = deck_vector(buffer, deck)
@@ -200,13 +218,42 @@ def leave_queue(buffer, deck, place):
 
 
 @kernel
+def panel_of(buffer, deck, index):
+    """Panel on which a package counts: that of its middle."""
+    return int(package_vector(buffer, AT_ON_PANEL, deck)[index])
+
+
+@kernel
+def package_scene(buffer, deck, index):
+    """Scene of the panel on which a package counts."""
+    return scene_vector(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))
+
+
+@kernel
+def package_velocity(buffer, deck, index):
+    """Velocity of a package, m/s."""
+    return panel_velocity(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))
+
+
+@kernel
+def package_span(buffer, deck, index):
+    """Riding time from the rear to the front of a package, s; its length where all stands still."""
+    velocity = package_velocity(buffer, deck, index)
+    length = package_vector(buffer, AT_LENGTH, deck)[index]
+    return length / velocity if velocity > 0.0 else length
+
+
+@kernel
 def merge_into(buffer, deck, place):
     """Merge the package behind `place` into the one at `place`, layer by layer, conservatively."""
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
     keep, gone = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
     length = package_vector(buffer, AT_LENGTH, deck)
     used = package_vector(buffer, AT_LAYERS_USED, deck)
-    whole = length[keep] + length[gone]
+    stretch = 1.0  # of what comes from another panel
+    if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and conveys(buffer, deck):
+        velocity = package_velocity(buffer, deck, keep)
+        stretch = velocity / package_velocity(buffer, deck, gone)
+    whole = length[keep] + stretch * length[gone]
     if whole > 0.0:
         load, more = (
             column(buffer, AT_LOAD, slot(buffer, deck, keep)),
@@ -219,7 +266,7 @@ def merge_into(buffer, deck, place):
             reference[i] = (length[keep] * reference[i] + length[gone] * fed[i]) / whole
             for j in range(layers):
                 load[j, i] = (length[keep] * load[j, i] + length[gone] * more[j, i]) / whole
-        used[keep] = restack(buffer, scene, load, layers)
+        used[keep] = restack(buffer, package_scene(buffer, deck, keep), load, layers)
         length[keep] = whole
     leave_queue(buffer, deck, place + 1)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_MERGES] += 1.0
@@ -275,8 +322,8 @@ def alike(buffer, deck, one, two):
     return unlikeness(buffer, deck, one, two) ** 2 <= tolerance
 
 
-# --- the queue ---------------------------------------------------------------------------------
-@inlined
+# --- the queue -----------------------------------------------------------------------------------
+@kernel
 def integrate_package(buffer, deck, index, duration):
     """Advance the column of a package; its step and order are remembered with it."""
     book = deck_vector(buffer, deck)
@@ -287,7 +334,7 @@ def integrate_package(buffer, deck, index, duration):
     used = package_vector(buffer, AT_LAYERS_USED, deck)
     used[index] = integrate(
         buffer,
-        scene_vector(buffer, AT_SCENE, deck, 0),
+        package_scene(buffer, deck, index),
         book,
         column(buffer, AT_LOAD, whole),
         node_vector(buffer, AT_REFERENCE, whole),
@@ -299,21 +346,45 @@ def integrate_package(buffer, deck, index, duration):
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES] += 1.0
 
 
-@inlined
-def ride(buffer, deck, index, duration):
-    """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
-    if duration <= 0.0:
-        return
-    integrate_package(buffer, deck, index, duration)
-    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
-    undersize = node_vector(buffer, AT_STEP_MASS, 0)
+@kernel
+def pass_through(buffer, deck, row, scale, scale_time):
+    """Book what passed, scale x passed + scale_time x its integral, as undersize of the deck."""
+    undersize = node_vector(buffer, AT_STEP_MASS, deck)
     passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
+    fallen = fall_vector(buffer, deck, row)
+    record = deck + 1 < int(buffer[N_DECKS])
     for i in range(passed.size):
-        undersize[i] += area * passed[i]
+        mass = scale * passed[i] + scale_time * passed_time[i]
+        undersize[i] += mass
+        if record:
+            fallen[i] += mass
 
 
-@inlined
-def discharge(buffer, deck, index, duration, rest):
+@kernel
+def land_on(buffer, row, area, time):
+    """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
+    if area * time <= 0.0:
+        return
+    source = node_vector(buffer, AT_SOURCE, 0)
+    landing = node_vector(buffer, AT_LANDING, row)
+    for i in range(source.size):
+        source[i] = landing[i] / (area * time)
+        if source[i] != 0.0:
+            buffer[N_SOURCE] = 1.0
+
+
+@kernel
+def ride(buffer, deck, index, row, duration):
+    """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
+    if duration > 0.0:
+        integrate_package(buffer, deck, index, duration)
+        area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+        pass_through(buffer, deck, row, area, 0.0)
+
+
+@kernel
+def discharge(buffer, deck, index, row, duration, rest):
     """Shorten a package to the length `rest` over the deck's end, evenly in `duration` s.
 
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
@@ -322,28 +393,29 @@ def discharge(buffer, deck, index, duration, rest):
     length = package_vector(buffer, AT_LENGTH, deck)
     integrate_package(buffer, deck, index, duration)
     width = deck_width(buffer, deck)
-    shed = (length[index] - rest) / duration
-    undersize, oversize = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
-    passed, passed_time = (
-        node_vector(buffer, AT_COLUMN_FLUX, 0),
-        node_vector(buffer, AT_COLUMN_FLUX, 1),
-    )
+    shortening = (length[index] - rest) / duration
+    pass_through(buffer, deck, row, width * rest, width * shortening)
+    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
     time = column(buffer, AT_COLUMN_TIME, 0)
-    for i in range(passed.size):
-        undersize[i] += width * (rest * passed[i] + shed * passed_time[i])
-        lay = 0.0
-        for j in range(time.shape[0]):
-            lay += time[j, i]
-        oversize[i] += width * shed * lay
+    for j in range(time.shape[0]):
+        for i in range(oversize.size):
+            oversize[i] += width * shortening * time[j, i]
     length[index] = rest
 
 
 @kernel
-def idle(buffer, deck, index):
-    """Whether nothing can happen inside a package: it is empty, or the deck is at rest."""
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
+def idle(buffer, deck, index, row):
+    """Whether nothing can happen inside a package: empty and nothing lands, or all is at rest."""
+    if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_IDLE] == 0.0:
+        return False
+    if deck > 0:
+        landing = node_vector(buffer, AT_LANDING, row)
+        for i in range(landing.size):
+            if landing[i] != 0.0:
+                return False
+    scene = package_scene(buffer, deck, index)
     if scene[S_PASSAGE_VELOCITY] == 0.0 and scene[S_SEGREGATION_VELOCITY] == 0.0:
-        return scene[S_TRANSPORT_VELOCITY] == 0.0
+        return not conveys(buffer, deck)
     used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
     return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) == 0.0
 
@@ -354,83 +426,160 @@ def shed(buffer, deck, index):
     load = column(buffer, AT_LOAD, slot(buffer, deck, index))
     length = package_vector(buffer, AT_LENGTH, deck)
     area = deck_width(buffer, deck) * length[index]
-    oversize = node_vector(buffer, AT_STEP_MASS, 1)
+    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
     for j in range(int(package_vector(buffer, AT_LAYERS_USED, deck)[index])):
         for i in range(oversize.size):
             oversize[i] += area * load[j, i]
     length[index] = 0.0
 
 
-@inlined
-def advance_package(buffer, deck, index, rear, duration):
-    """Move a package whose rear is at `rear` for `duration` s; returns its length on the deck."""
+@kernel
+def cross(buffer, deck, index):
+    """Move a package to the next panel: its length changes with the velocity, its mass stays."""
+    panel = package_vector(buffer, AT_ON_PANEL, deck)
+    before = package_velocity(buffer, deck, index)
+    panel[index] += 1.0
+    stretch = package_velocity(buffer, deck, index) / before
+    whole = slot(buffer, deck, index)
+    load, reference = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_REFERENCE, whole)
+    used = package_vector(buffer, AT_LAYERS_USED, deck)
+    package_vector(buffer, AT_LENGTH, deck)[index] *= stretch
+    for i in range(reference.size):
+        reference[i] /= stretch
+        for j in range(int(used[index])):
+            load[j, i] /= stretch
+    used[index] = restack(buffer, package_scene(buffer, deck, index), load, int(used[index]))
+
+
+@kernel
+def ride_panels(buffer, deck, index, row, middle, duration, time):
+    """Let a package ride for `duration` s, over the ends of panels; `middle` is its riding time.
+
+    What lands on it comes evenly within `time` s, of which this is a part.
+    """
+    left = duration
+    width = deck_width(buffer, deck)
+    while True:
+        step = left
+        panel = panel_of(buffer, deck, index)
+        crosses = False
+        if panel + 1 < panel_count(buffer, deck) and conveys(buffer, deck):
+            until = panel_end_time(buffer, AT_SCENE, deck, panel) - middle
+            crosses = until < left
+            step = max(0.0, until) if crosses else left
+        if deck > 0:
+            area = width * package_vector(buffer, AT_LENGTH, deck)[index]
+            land_on(buffer, row, area, time)
+        ride(buffer, deck, index, row, step)
+        buffer[N_SOURCE] = 0.0
+        left -= step
+        middle += step
+        if not crosses:
+            return
+        cross(buffer, deck, index)
+
+
+@kernel
+def advance_package(buffer, deck, index, row, rear, duration):
+    """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
     length = package_vector(buffer, AT_LENGTH, deck)
-    end = deck_length(buffer, deck)
-    velocity = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
     whole, over = duration, 0.0  # time as a whole on the deck, then while it is discharged
-    rest = length[index]
-    if velocity > 0.0:
-        whole = min(duration, max(0.0, (end - rear - length[index]) / velocity))
-        if whole < MOMENT * length[index] / velocity:
+    span = package_span(buffer, deck, index)
+    rest = span
+    if conveys(buffer, deck):
+        end = residence_time(buffer, AT_SCENE, deck)
+        whole = min(duration, max(0.0, end - rear - span))
+        if whole < MOMENT * span:
             whole = 0.0
-        over = min(duration, max(0.0, (end - rear) / velocity)) - whole
-        rest = min(rest, end - rear - velocity * duration)
-        if rest < MOMENT * cell_length(buffer, deck):
+        over = min(duration, max(0.0, end - rear)) - whole
+        rest = min(rest, end - rear - duration)
+        if rest < MOMENT * end / buffer[N_CELLS]:
             rest = 0.0
-    if idle(buffer, deck, index):
+    if idle(buffer, deck, index, row):
         vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES_SKIPPED] += 1.0
-        if rest == 0.0:
+        ride_over(buffer, deck, index, rear + 0.5 * span + whole)
+        if rest == 0.0 and over + whole > 0.0 and conveys(buffer, deck):
             shed(buffer, deck, index)
-        length[index] = rest
-        return rest
-    ride(buffer, deck, index, whole)
-    if rest < length[index] and over > 0.0:
-        discharge(buffer, deck, index, over, rest)
-    elif rest == 0.0:
+        elif rest < span:
+            length[index] = rest * package_velocity(buffer, deck, index)
+        return length[index]
+    ride_panels(buffer, deck, index, row, rear + 0.5 * span, whole, whole + over)
+    if rest < span and over > 0.0:
+        rest *= package_velocity(buffer, deck, index)
+        if deck > 0:
+            area = 0.5 * deck_width(buffer, deck) * (length[index] + rest)
+            land_on(buffer, row, area, whole + over)
+        discharge(buffer, deck, index, row, over, rest)
+        buffer[N_SOURCE] = 0.0
+    elif rest == 0.0 and conveys(buffer, deck):
         shed(buffer, deck, index)
-    return rest
+    return length[index]
 
 
-@inlined
+@kernel
+def ride_over(buffer, deck, index, middle):
+    """Move a package in which nothing happens on to the panel of its middle."""
+    if conveys(buffer, deck):
+        panel = panel_of(buffer, deck, index)
+        while panel + 1 < panel_count(buffer, deck):
+            if panel_end_time(buffer, AT_SCENE, deck, panel) > middle:
+                break
+            cross(buffer, deck, index)
+            panel += 1
+
+
+@kernel
+def queue_rear(buffer, deck):
+    """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
+    book = deck_vector(buffer, deck)
+    if book[D_PILE_OPEN] > 0.0:
+        return riding_time(buffer, AT_SCENE, deck, book[D_PILE_REAR])
+    return book[D_COHORT_FRONT]
+
+
+@kernel
 def advance_queue(buffer, deck, duration):
     """Advance all packages of the queue, the one nearest to the discharge first."""
     book = deck_vector(buffer, deck)
-    length = package_vector(buffer, AT_LENGTH, deck)
-    velocity = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
-    source = node_vector(buffer, AT_SOURCE, 0)
-    rear = book[D_PILE_REAR] if book[D_PILE_OPEN] > 0.0 else book[D_COHORT_FRONT]
     count = int(book[D_PACKAGES])
+    # A lower deck's new packages came in at the start of the step, and its cohort is ahead.
+    rear = queue_rear(buffer, deck)
+    if deck > 0 and conveys(buffer, deck):
+        rear -= duration
     for place in range(count - 1, 0, -1):
-        rear += length[queue_slot(buffer, deck, place)]
+        rear += package_span(buffer, deck, queue_slot(buffer, deck, place))
     gone = 0
     for place in range(count):
         index = queue_slot(buffer, deck, place)
         pile = place == count - 1 and book[D_PILE_OPEN] > 0.0
-        behind = length[queue_slot(buffer, deck, place + 1)] if place + 1 < count else 0.0
+        behind = 0.0
+        if place + 1 < count:
+            behind = package_span(buffer, deck, queue_slot(buffer, deck, place + 1))
+        fall_row(buffer, deck, place, rear, rear + package_span(buffer, deck, index))
         if pile:
             feed_pile(buffer, deck, index, duration)
-            ride(buffer, deck, index, duration)
+            ride(buffer, deck, index, place, duration)
             buffer[N_SOURCE] = 0.0
-        elif advance_package(buffer, deck, index, rear, duration) <= 0.0 and place == gone:
+        elif advance_package(buffer, deck, index, place, rear, duration) <= 0.0 and place == gone:
             gone += 1
         rear -= behind
+    vector(buffer, AT_FALL_COUNT, 4, deck)[0] = count
     for _ in range(gone):
         leave_queue(buffer, deck, 0)
     if book[D_PILE_OPEN] > 0.0:
-        book[D_PILE_REAR] += velocity * duration
+        book[D_PILE_REAR] += panel_velocity(buffer, AT_SCENE, deck, 0) * duration
 
 
-# --- the pile ----------------------------------------------------------------------------------
+# --- the pile ------------------------------------------------------------------------------------
 @inlined
 def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
     book = deck_vector(buffer, deck)
     join_queue(buffer, deck)
     index = new_slot(buffer, deck)
-    length = cell_length(buffer, deck)
+    length = cell_length(buffer, deck, 0)
     package_vector(buffer, AT_LENGTH, deck)[index] = length
-    package_vector(buffer, AT_QUEUE, deck)[int(book[D_PACKAGES])] = index
-    book[D_PACKAGES] += 1.0
+    join_back(buffer, deck, index)
     book[D_PILE_OPEN], book[D_PILE_REAR] = 1.0, -length
 
 
@@ -442,23 +591,26 @@ def feed_pile(buffer, deck, index, duration):
     area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
     rate = deck_vector(buffer, deck)[D_COHORT_FED]
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
-    buffer[N_SOURCE] = 1.0
+    buffer[N_SOURCE] = 1.0 if rate > 0.0 else 0.0
     for i in range(source.size):
         source[i] = rate * fraction[i] / area
         reference[i] += source[i] * duration
 
 
-# --- the cohort --------------------------------------------------------------------------------
+# --- the cohort ----------------------------------------------------------------------------------
 @kernel
 def start_cohort(buffer, deck, rate):
-    """Let the slices that enter from now on share one trajectory; `rate` is the feed, kg/s."""
+    """Let the slices that enter from now on share one trajectory; `rate` is the feed, kg/s.
+
+    On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
+    """
     book = deck_vector(buffer, deck)
     scene = scene_vector(buffer, AT_SCENE, deck, 0)
     lead, partial = column(buffer, AT_LEAD, deck), column(buffer, AT_PARTIAL, deck)
     fed = node_vector(buffer, AT_LEAD_FEED, deck)
     passed = node_vector(buffer, AT_LEAD_PASSED, deck)
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
-    velocity = scene[S_TRANSPORT_VELOCITY]
+    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
     load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
     for i in range(fed.size):
         fed[i] = load * fraction[i]
@@ -466,10 +618,19 @@ def start_cohort(buffer, deck, rate):
         for j in range(lead.shape[0]):
             lead[j, i] = 0.0
             partial[j, i] = 0.0
-        lead[0, i] = fed[i]
-    book[D_COHORT_FED], book[D_COHORT_FRONT], book[D_COVERED] = rate, 0.0, 0.0
+        if deck == 0:
+            lead[0, i] = fed[i]
+    book[D_COHORT_ON], book[D_COHORT_FED] = 1.0, rate
+    book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0
+    book[D_LEAD_PANEL], book[D_KNOTS], book[D_KNOT] = 0.0, 0.0, 0.0
     book[D_STEP], book[D_PACE], book[D_WIDE], book[D_PARTIAL_LAYERS] = 0.0, 0.0, 0.0, 1.0
     book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
+
+
+@kernel
+def in_cells(buffer, deck):
+    """Whether the cohort keeps cells: the top deck's does only while it is fed."""
+    return deck > 0 or deck_vector(buffer, deck)[D_COHORT_FED] > 0.0
 
 
 @kernel
@@ -477,33 +638,44 @@ def join_queue(buffer, deck):
     """The cohort's cells join the queue as packages of their own; the cohort is empty after it."""
     book = deck_vector(buffer, deck)
     before = int(book[D_PACKAGES])
-    piece = book[D_COHORT_FRONT]
-    if book[D_COHORT_FED] > 0.0:
-        piece -= book[D_CELLS] * cell_length(buffer, deck)
-        if book[D_COVERED] > 0.0:
-            piece = 0.0
-    if piece > 0.0:
-        append_piece(buffer, deck, piece)
-    queue, cell = package_vector(buffer, AT_QUEUE, deck), package_vector(buffer, AT_CELL, deck)
+    if book[D_COHORT_ON] > 0.0 and book[D_COHORT_FRONT] > 0.0:
+        append_piece(buffer, deck)
+    cell = package_vector(buffer, AT_CELL, deck)
     while book[D_CELLS] > 0.0:
         book[D_CELLS] -= 1.0
-        queue[int(book[D_PACKAGES])] = cell[int(book[D_CELLS])]
-        book[D_PACKAGES] += 1.0
-    book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0
+        join_back(buffer, deck, cell[int(book[D_CELLS])])
+    book[D_COHORT_ON], book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0, 0.0
     if before > 0 and before < int(book[D_PACKAGES]):
         join_neighbours(buffer, deck, before - 1)
 
 
 @kernel
-def append_piece(buffer, deck, length):
-    """Append the cohort's unfinished cell, or its empty stretch, `length` m long, to the queue."""
+def append_piece(buffer, deck):
+    """Append the cohort's unfinished cell, or its empty stretch, to the queue."""
     book = deck_vector(buffer, deck)
+    span = book[D_COHORT_FRONT]
+    panel = 0
+    if in_cells(buffer, deck):
+        if book[D_COVERED] > 0.0:
+            return
+        cells = int(book[D_CELLS])
+        panel = cell_panel(buffer, deck, cells)
+        if cells > 0:
+            span -= cell_end(buffer, AT_SCENE, deck, cells - 1)
+    else:
+        while panel + 1 < panel_count(buffer, deck):
+            if panel_end_time(buffer, AT_SCENE, deck, panel) > 0.5 * span:
+                break
+            panel += 1
+    if span <= 0.0:
+        return
     index = new_slot(buffer, deck)
-    if book[D_COHORT_FED] > 0.0:
+    length = span * panel_velocity(buffer, AT_SCENE, deck, panel)
+    package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
+    if in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
     package_vector(buffer, AT_LENGTH, deck)[index] = length
-    package_vector(buffer, AT_QUEUE, deck)[int(book[D_PACKAGES])] = index
-    book[D_PACKAGES] += 1.0
+    join_back(buffer, deck, index)
 
 
 @kernel
@@ -511,9 +683,12 @@ def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
     length = package_vector(buffer, AT_LENGTH, deck)
     one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    empty = package_load(buffer, deck, place) + package_load(buffer, deck, place + 1) == 0.0
-    short = length[one] + length[two] <= cell_length(buffer, deck) * JOIN
-    if empty or (short and alike(buffer, deck, one, two)):
+    if panel_of(buffer, deck, one) != panel_of(buffer, deck, two):
+        return
+    loads = package_load(buffer, deck, place) + package_load(buffer, deck, place + 1)
+    longest = cell_length(buffer, deck, panel_of(buffer, deck, one))
+    short = length[one] + length[two] <= longest * JOIN
+    if (loads == 0.0 and deck == 0) or (short and alike(buffer, deck, one, two)):
         merge_into(buffer, deck, place)
 
 
@@ -532,136 +707,236 @@ def finish_cell(buffer, deck, index, length):
         for j in range(layers):
             load[j, i] = partial[j, i] / length
             partial[j, i] = 0.0
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
+    scene = package_scene(buffer, deck, index)
     package_vector(buffer, AT_LAYERS_USED, deck)[index] = restack(buffer, scene, load, layers)
     package_vector(buffer, AT_LENGTH, deck)[index] = length
     book[D_PARTIAL_LAYERS] = 1.0
 
 
-@inlined
+@kernel
 def advance_lead(buffer, deck, duration):
-    """Advance the leading slice; the cohort behind it passes W v p(front) at any moment."""
+    """Advance the leading slice within its panel; what passes is kept, and what the cohort does.
+
+    lead_passed is what passed of the slice, as areal mass on the first panel [kg/m2]. With it the
+    cohort behind the slice passes width x v x lead_passed [kg/s] at any moment.
+    """
     book = deck_vector(buffer, deck)
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
+    panel = int(book[D_LEAD_PANEL])
+    scene = scene_vector(buffer, AT_SCENE, deck, panel)
     lead, partial = column(buffer, AT_LEAD, deck), column(buffer, AT_PARTIAL, deck)
-    passed_before = node_vector(buffer, AT_LEAD_PASSED, deck)
-    before = int(book[D_LEAD_LAYERS])
     fed = node_vector(buffer, AT_LEAD_FEED, deck)
-    book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, before, duration)
-    passed, passed_time = (
-        node_vector(buffer, AT_COLUMN_FLUX, 0),
-        node_vector(buffer, AT_COLUMN_FLUX, 1),
-    )
+    before_passed = node_vector(buffer, AT_LEAD_PASSED, deck)
+    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
     time = column(buffer, AT_COLUMN_TIME, 0)
-    undersize = node_vector(buffer, AT_STEP_MASS, 0)
-    velocity = scene[S_TRANSPORT_VELOCITY]
-    area_rate = deck_width(buffer, deck) * velocity
-    layers = int(max(book[D_PARTIAL_LAYERS], before, book[D_LEAD_LAYERS]))
+    undersize = node_vector(buffer, AT_STEP_MASS, deck)
+    fallen, carry = node_vector(buffer, AT_FALL_COHORT, deck), node_vector(buffer, AT_CARRY, deck)
+    velocity, first = (
+        panel_velocity(buffer, AT_SCENE, deck, panel),
+        panel_velocity(buffer, AT_SCENE, deck, 0),
+    )
+    width = deck_width(buffer, deck)
+    on_first = velocity / first if first > 0.0 else 1.0
+    below = deck + 1 < int(buffer[N_DECKS])
+    left = duration
+    while left > 0.0:
+        step = left
+        place = place_after(buffer, AT_SCENE, deck, book[D_COHORT_FRONT] + (duration - left))
+        if deck > 0:
+            step = min(left, lead_source(buffer, deck, place, velocity))
+        before = int(book[D_LEAD_LAYERS])
+        buffer[RECORDED] = deck + 1.0 if below else 0.0
+        buffer[RECORDED_FROM] = place
+        if buffer[N_SOURCE] == 0.0 and bed_load(lead, before) == 0.0:
+            clear_sums(buffer)
+            if below:
+                record_nothing(buffer, place, place + velocity * step)
+        else:
+            book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, before, step)
+        buffer[N_SOURCE], buffer[RECORDED] = 0.0, 0.0
+        layers = int(max(book[D_PARTIAL_LAYERS], before, book[D_LEAD_LAYERS]))
+        for i in range(fed.size):
+            mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
+            undersize[i] += mass
+            before_passed[i] += on_first * passed[i]
+            if below:
+                fallen[i] += mass
+            taken = mass
+            for j in range(layers):
+                partial[j, i] += velocity * time[j, i]
+                taken += width * velocity * time[j, i]
+            if deck > 0:
+                carry[i] -= taken
+        book[D_PARTIAL_LAYERS] = layers
+        left -= step
+
+
+@kernel
+def cross_lead(buffer, deck):
+    """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
+    book = deck_vector(buffer, deck)
+    panel = int(book[D_LEAD_PANEL])
+    velocity = panel_velocity(buffer, AT_SCENE, deck, panel)
+    stretch = panel_velocity(buffer, AT_SCENE, deck, panel + 1) / velocity
+    lead, fed = column(buffer, AT_LEAD, deck), node_vector(buffer, AT_LEAD_FEED, deck)
+    layers = int(book[D_LEAD_LAYERS])
     for i in range(fed.size):
-        undersize[i] += area_rate * (passed_before[i] * duration + passed_time[i])
-        passed_before[i] += passed[i]
+        fed[i] /= stretch
         for j in range(layers):
-            partial[j, i] += velocity * time[j, i]
-    book[D_PARTIAL_LAYERS] = layers
+            lead[j, i] /= stretch
+    book[D_LEAD_PANEL] = panel + 1.0
+    scene = scene_vector(buffer, AT_SCENE, deck, panel + 1)
+    book[D_LEAD_LAYERS] = restack(buffer, scene, lead, layers)
 
 
 @kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
     book = deck_vector(buffer, deck)
-    if book[D_COHORT_FED] == 0.0:
+    if not in_cells(buffer, deck):
         return
-    velocity = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
-    carried = deck_width(buffer, deck) * velocity * duration
-    undersize, oversize = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
+    last = panel_count(buffer, deck) - 1
+    passing = deck_width(buffer, deck) * panel_velocity(buffer, AT_SCENE, deck, 0) * duration
+    leaving = deck_width(buffer, deck) * panel_velocity(buffer, AT_SCENE, deck, last) * duration
+    undersize = node_vector(buffer, AT_STEP_MASS, deck)
+    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
+    fallen = node_vector(buffer, AT_FALL_COHORT, deck)
     passed, lead = node_vector(buffer, AT_LEAD_PASSED, deck), column(buffer, AT_LEAD, deck)
     if buffer[LAYERED] > 0.0 and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
         book[D_CAPACITY_ALARM] = 1.0
     for i in range(passed.size):
-        undersize[i] += carried * passed[i]
+        undersize[i] += passing * passed[i]
+        fallen[i] += passing * passed[i]
         for j in range(int(book[D_LEAD_LAYERS])):
-            oversize[i] += carried * lead[j, i]
+            oversize[i] += leaving * lead[j, i]
 
 
-@inlined
+@kernel
+def time_to_cover(buffer, deck):
+    """Time until the cohort covers the deck, s."""
+    book = deck_vector(buffer, deck)
+    return residence_time(buffer, AT_SCENE, deck) - book[D_COHORT_FRONT]
+
+
+@kernel
 def grow_cohort(buffer, deck, duration):
     """Advance the front of the cohort, cell by cell, until it covers the deck."""
     book = deck_vector(buffer, deck)
-    velocity = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
     cells = int(buffer[N_CELLS])
-    cell = cell_length(buffer, deck)
+    celled = in_cells(buffer, deck)
     left = duration
     while left > 0.0 and book[D_COVERED] == 0.0:
-        fed = book[D_COHORT_FED] > 0.0
-        target = (book[D_CELLS] + 1.0) * cell if fed else deck_length(buffer, deck)
-        until = max(0.0, (target - book[D_COHORT_FRONT]) / velocity)
+        done = int(book[D_CELLS])
+        target = residence_time(buffer, AT_SCENE, deck)
+        if celled:
+            target = cell_end(buffer, AT_SCENE, deck, done)
+        until = max(0.0, target - book[D_COHORT_FRONT])
         step = min(left, until)
-        if fed and step > 0.0:
+        if celled and step > 0.0:
             advance_lead(buffer, deck, step)
         if until > left:
-            book[D_COHORT_FRONT] += velocity * left
+            book[D_COHORT_FRONT] += left
         else:
             book[D_COHORT_FRONT] = target
-            if fed:
+            if celled:
                 index = new_slot(buffer, deck)
-                finish_cell(buffer, deck, index, cell)
-                package_vector(buffer, AT_CELL, deck)[int(book[D_CELLS])] = index
+                panel = cell_panel(buffer, deck, done)
+                package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
+                finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
+                package_vector(buffer, AT_CELL, deck)[done] = index
                 book[D_CELLS] += 1.0
-            if not fed or int(book[D_CELLS]) == cells:
+                if done + 1 < cells and cell_panel(buffer, deck, done + 1) != panel:
+                    cross_lead(buffer, deck)
+            if not celled or done + 1 == cells:
                 book[D_COVERED] = 1.0
         left -= step
     if left > 0.0:
         stream_of_covered_deck(buffer, deck, left)
 
 
-# --- one deck over one communication step -------------------------------------------------------
+# --- the top deck over one step ------------------------------------------------------------------
 @kernel
-def advance_deck(buffer, deck, duration):
-    """Advance a deck under constant motion and feed; adds to the masses of the step."""
-    book = deck_vector(buffer, deck)
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
-    velocity = scene[S_TRANSPORT_VELOCITY]
+def advance_top(buffer, duration):
+    """Advance the top deck under constant motion and feed; returns the time it took, s.
+
+    That is less than `duration` where a pile has moved on to the deck.
+    """
+    book = deck_vector(buffer, 0)
+    scene = scene_vector(buffer, AT_SCENE, 0, 0)
+    velocity = panel_velocity(buffer, AT_SCENE, 0, 0)
     rate = book[D_COHORT_FED]
-    deepest = PILE_DEPTH * deck_length(buffer, deck) * scene[S_DENSITY]
-    heavy = rate > 0.0 and rate >= deck_width(buffer, deck) * velocity * deepest
-    left = duration
-    while left > 0.0:
-        if heavy and book[D_PILE_OPEN] == 0.0:
-            open_pile(buffer, deck)
-        piling = book[D_PILE_OPEN] > 0.0
-        step = left
-        if piling and velocity > 0.0:
-            step = min(left, max(0.0, -book[D_PILE_REAR] / velocity))
-        advance_queue(buffer, deck, step)
-        if piling and velocity > 0.0 and step < left:
-            book[D_PILE_OPEN], book[D_PILE_REAR] = 0.0, 0.0
-        if not piling and velocity > 0.0:
-            grow_cohort(buffer, deck, step)
-        left -= step
+    deepest = PILE_DEPTH * deck_length(buffer, 0) * scene[S_DENSITY]
+    heavy = rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
+    if heavy and book[D_PILE_OPEN] == 0.0:
+        open_pile(buffer, 0)
+    piling = book[D_PILE_OPEN] > 0.0
+    step = duration
+    if piling and velocity > 0.0:
+        step = min(duration, max(0.0, -book[D_PILE_REAR] / velocity))
+    advance_queue(buffer, 0, step)
+    if piling and velocity > 0.0 and step < duration:
+        book[D_PILE_OPEN], book[D_PILE_REAR] = 0.0, 0.0
+    if not piling and velocity > 0.0:
+        grow_cohort(buffer, 0, step)
+    return step
 
 
-# --- what lies on the deck ----------------------------------------------------------------------
+@kernel
+def extend_tail(buffer, deck, duration):
+    """Let an empty stretch come in at the feed end of a lower deck, as packages of cells' length."""
+    book = deck_vector(buffer, deck)
+    length = package_vector(buffer, AT_LENGTH, deck)
+    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
+    longest = cell_length(buffer, deck, 0) * JOIN
+    fresh = velocity * duration
+    count = int(book[D_PACKAGES])
+    if count > 0:
+        tail = queue_slot(buffer, deck, count - 1)
+        whole = length[tail] + fresh
+        if panel_of(buffer, deck, tail) == 0 and whole <= longest:
+            load = column(buffer, AT_LOAD, slot(buffer, deck, tail))
+            reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, tail))
+            used = package_vector(buffer, AT_LAYERS_USED, deck)
+            part = length[tail] / whole
+            for i in range(reference.size):
+                reference[i] *= part
+                for j in range(int(used[tail])):
+                    load[j, i] *= part
+            scene = package_scene(buffer, deck, tail)
+            used[tail] = restack(buffer, scene, load, int(used[tail]))
+            length[tail] = whole
+            return
+    index = new_slot(buffer, deck)
+    length[index] = fresh
+    join_back(buffer, deck, index)
+
+
+# --- what lies on the deck -----------------------------------------------------------------------
 @kernel
 def held_by_node(buffer, deck, held):
-    """Add what lies on a deck to `held[node]`, kg."""
+    """Add what lies on a deck to `held[node]`, kg; returns its sum over the sizes."""
     book = deck_vector(buffer, deck)
     width = deck_width(buffer, deck)
     length = package_vector(buffer, AT_LENGTH, deck)
     used = package_vector(buffer, AT_LAYERS_USED, deck)
     queue, cell = package_vector(buffer, AT_QUEUE, deck), package_vector(buffer, AT_CELL, deck)
     packages = int(book[D_PACKAGES])
+    total = 0.0
     for place in range(packages + int(book[D_CELLS])):
         index = int(queue[place]) if place < packages else int(cell[place - packages])
         area = width * length[index]
         load = column(buffer, AT_LOAD, slot(buffer, deck, index))
+        total += area * bed_load(load, int(used[index]))
         for j in range(int(used[index])):
             for i in range(held.size):
                 held[i] += area * load[j, i]
-    if book[D_COVERED] == 0.0 and book[D_COHORT_FED] > 0.0:
+    if book[D_COVERED] == 0.0 and book[D_COHORT_ON] > 0.0:
         partial = column(buffer, AT_PARTIAL, deck)
+        total += width * bed_load(partial, int(book[D_PARTIAL_LAYERS]))
         for j in range(int(book[D_PARTIAL_LAYERS])):
             for i in range(held.size):
                 held[i] += width * partial[j, i]
+    return total
 
 
 @kernel
@@ -674,16 +949,17 @@ def package_load(buffer, deck, place):
 
 @kernel
 def depth_at_feed(buffer, deck):
-    """Depth of the bed at the feed end, m."""
+    """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
     book = deck_vector(buffer, deck)
     count = int(book[D_PACKAGES])
     density = scene_vector(buffer, AT_SCENE, deck, 0)[S_DENSITY]
-    if book[D_PILE_OPEN] == 0.0 and book[D_COHORT_FRONT] > 0.0:
-        total = 0.0
-        fed = node_vector(buffer, AT_LEAD_FEED, deck)
-        for i in range(fed.size):
-            total += fed[i]
-        return total / density
+    if deck == 0 and book[D_PILE_OPEN] == 0.0 and book[D_COHORT_FRONT] > 0.0:
+        load = book[D_COHORT_FED] / deck_width(buffer, deck)
+        return load / (panel_velocity(buffer, AT_SCENE, deck, 0) * density)
+    if book[D_CELLS] > 0.0:
+        index = int(package_vector(buffer, AT_CELL, deck)[0])
+        used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
+        return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) / density
     return package_load(buffer, deck, count - 1) / density if count > 0 else 0.0
 
 
@@ -693,13 +969,21 @@ def depth_at_discharge(buffer, deck):
     book = deck_vector(buffer, deck)
     density = scene_vector(buffer, AT_SCENE, deck, 0)[S_DENSITY]
     if book[D_COVERED] > 0.0:
-        if book[D_COHORT_FED] == 0.0:
+        if not in_cells(buffer, deck):
             return 0.0
         return bed_load(column(buffer, AT_LEAD, deck), int(book[D_LEAD_LAYERS])) / density
     count = int(book[D_PACKAGES])
-    front = book[D_PILE_REAR] if book[D_PILE_OPEN] > 0.0 else book[D_COHORT_FRONT]
-    for place in range(count):
-        front += package_vector(buffer, AT_LENGTH, deck)[queue_slot(buffer, deck, place)]
-    if count == 0 or front < deck_length(buffer, deck) * (1.0 - 1e-9):
+    if count == 0:
         return 0.0
-    return package_load(buffer, deck, 0) / density
+    front = queue_rear(buffer, deck)
+    for place in range(count):
+        front += package_span(buffer, deck, queue_slot(buffer, deck, place))
+    end = deck_length(buffer, deck)
+    if conveys(buffer, deck):
+        end = residence_time(buffer, AT_SCENE, deck)
+    slack = 1e-9 * end
+    if panel_count(buffer, deck) > 1:
+        # Where panels change their velocities, packages across their ends get longer or shorter.
+        slack += 0.5 * package_span(buffer, deck, queue_slot(buffer, deck, 0))
+    at_end = front >= end - slack
+    return package_load(buffer, deck, 0) / density if at_end else 0.0

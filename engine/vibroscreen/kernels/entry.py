@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from vibroscreen.kernels.jit import kernel
 from vibroscreen.kernels.layout import ACCEPTED
-from vibroscreen.kernels.steady import follow, lay_batch, start_slice
+from vibroscreen.kernels.steady import follow, lay_batch, prepare_slice, solve_decks, start_slice
 from vibroscreen.kernels.step import advance, initialise
 
-INITIALISE, ADVANCE, START_SLICE, LAY_BATCH, FOLLOW = range(5)
+INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH, FOLLOW, SOLVE = range(7)
 
 
 @kernel
 def run(buffer, command, first, second):
     """Carry out a command on a buffer; returns ACCEPTED or why it is refused.
 
-    INITIALISE; ADVANCE first = s; START_SLICE; LAY_BATCH first = kg/m2, second = s to come;
-    FOLLOW first = s.
+    INITIALISE; ADVANCE first = s; START_SLICE; START_BELOW first = deck; LAY_BATCH first = kg/m2,
+    second = s to come; FOLLOW first = s, second = deck; SOLVE.
     """
     if command == INITIALISE:
         return initialise(buffer)
     if command == ADVANCE:
         return advance(buffer, first)
-    if command == START_SLICE:
-        return start_slice(buffer)
-    if command == LAY_BATCH:
+    if command == START_SLICE or command == SOLVE:
+        code = prepare_slice(buffer)
+        if code == ACCEPTED and command == SOLVE:
+            solve_decks(buffer)
+        return code
+    if command == START_BELOW:
+        start_slice(buffer, int(first))
+    elif command == LAY_BATCH:
         lay_batch(buffer, first, second)
     else:
-        follow(buffer, first)
+        follow(buffer, int(second), first)
     return ACCEPTED

@@ -116,6 +116,12 @@ OUTPUT = (
     ALARM_PERFORMANCE,
 ) = range(len(OUTPUT))
 
+# Outputs of every stream between two decks, and of the bed on every deck.
+INTERMEDIATE = ("rate", "mass")
+INTERMEDIATE_RATE, INTERMEDIATE_MASS = range(len(INTERMEDIATE))
+DECK_BED = ("hold_up", "depth_feed", "depth_discharge", "transport_velocity")
+DECK_HOLD_UP, DECK_DEPTH_FEED, DECK_DEPTH_DISCHARGE, DECK_VELOCITY = range(len(DECK_BED))
+
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = (
@@ -172,9 +178,13 @@ FIXED_SCENE = S_LAYER_FULL
 DECK = (
     "packages",
     "cells",
+    "cohort_on",
     "cohort_front",
     "cohort_fed",
     "covered",
+    "lead_panel",
+    "knots",
+    "knot",
     "pile_open",
     "pile_rear",
     "lead_layers",
@@ -189,9 +199,13 @@ DECK = (
 (
     D_PACKAGES,
     D_CELLS,
+    D_COHORT_ON,
     D_COHORT_FRONT,
     D_COHORT_FED,
     D_COVERED,
+    D_LEAD_PANEL,
+    D_KNOTS,
+    D_KNOT,
     D_PILE_OPEN,
     D_PILE_REAR,
     D_LEAD_LAYERS,
@@ -251,12 +265,30 @@ COUNTER = (
 ) = range(len(COUNTER))
 
 # What may be left out, each with its counter; 1 = on (the default), 0 = off.
-SWITCH = ("coarse_sizes", "empty_sizes", "used_up_sizes", "explicit")
-W_COARSE, W_EMPTY, W_USED_UP, W_EXPLICIT = range(len(SWITCH))
+SWITCH = (
+    "coarse_sizes",
+    "empty_sizes",
+    "used_up_sizes",
+    "explicit",
+    "idle_packages",
+    "shared_trajectory",
+    "steady_scene",
+    "displacement",
+)
+(
+    W_COARSE,
+    W_EMPTY,
+    W_USED_UP,
+    W_EXPLICIT,
+    W_IDLE,
+    W_SHARED,
+    W_STEADY,
+    W_DISPLACEMENT,
+) = range(len(SWITCH))
 
-# Cumulative masses by class, each as (sum, compensation); row pairs of `ledger`.
-FED, UNDER, OVER = 0, 2, 4
-LEDGER_ROWS = 6
+# Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow. Cumulative
+# masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
+FED, UNDER, OVER = 0, 1, 2
 
 # Why a step is refused.
 ACCEPTED = 0
@@ -282,6 +314,9 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "output": (len(OUTPUT),),
         "undersize_fraction": ("classes",),
         "oversize_fraction": ("classes",),
+        "intermediate": ("lower_decks", len(INTERMEDIATE)),
+        "intermediate_fraction": ("lower_decks", "classes"),
+        "deck_bed": ("decks", len(DECK_BED)),
     },
     "constants": {
         "switch": (len(SWITCH),),
@@ -291,13 +326,15 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "node_class": ("nodes",),
         "node_position": ("nodes",),
         "node_weight": ("nodes",),
+        "panel_count": ("decks",),
+        "panel_cells": ("decks", "panels"),
     },
     "state": {
         "counter": (len(COUNTER),),
-        "ledger": (LEDGER_ROWS, "classes"),
+        "ledger": ("ledger_rows", "classes"),
         "initial_mass": ("classes",),
         "held": ("classes",),
-        "steady_rate": (3, "classes"),
+        "steady_rate": ("streams", "classes"),
         "memory": (len(MEMORY),),
         "last_seen": ("seen",),
         "feed_fraction": ("nodes",),
@@ -308,6 +345,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "free": ("decks", "packages"),
         "length": ("decks", "packages"),
         "layers_used": ("decks", "packages"),
+        "on_panel": ("decks", "packages"),
         "pace": ("decks", "packages", 4),
         "load": ("decks", "packages", "layers", "nodes"),
         "reference": ("decks", "packages", "nodes"),
@@ -315,6 +353,13 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "lead_feed": ("decks", "nodes"),
         "lead_passed": ("decks", "nodes"),
         "partial": ("decks", "layers", "nodes"),
+        # along a steady deck with one below: place, what has passed up to there [kg/s] and falls
+        # there [kg/(m s)] on both sides of the place; and what a lower cohort still owes
+        "knot_place": ("decks", "knots"),
+        "knot_passed": ("knot_rows", "nodes"),
+        "knot_before": ("knot_rows", "nodes"),
+        "knot_after": ("knot_rows", "nodes"),
+        "carry": ("decks", "nodes"),
     },
     "work": {
         "refusal": (REFUSAL,),
@@ -325,8 +370,22 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "displacement_result": (DISPLACEMENT_RESULT,),
         "drive_setting": (4,),
         "displacement_work": ("displacement_work",),
-        "step_mass": (2, "nodes"),
-        "class_mass": (3, "classes"),
+        # undersize of every deck, then oversize of every deck
+        "step_mass": ("deck_streams", "nodes"),
+        "class_mass": ("streams", "classes"),
+        "hold_up_work": ("decks",),
+        # what fell from the packages of a deck: from where to where, and how much; from its cohort
+        "fall_start": ("decks", "falls"),
+        "fall_stop": ("decks", "falls"),
+        "fall": ("fall_rows", "nodes"),
+        "fall_cohort": ("decks", "nodes"),
+        "fall_count": ("decks", 4),
+        # what passed and passes of the slice that is recorded
+        "record": (2, "nodes"),
+        # what lands on the packages of a deck, and where they are
+        "landing_start": ("falls",),
+        "landing_stop": ("falls",),
+        "landing": ("falls", "nodes"),
         "column": ("layers", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
@@ -357,6 +416,10 @@ DIMENSION = (
     "cells",
     "layered",
     "bed_layers",
+    "knots",
+    "falls",
+    "recorded",
+    "recorded_from",
     "active",
     "source_terms",
     "displacement_work",
@@ -374,6 +437,10 @@ DIMENSION = (
     N_CELLS,
     LAYERED,
     BED_LAYERS,
+    N_KNOTS,
+    N_FALLS,
+    RECORDED,
+    RECORDED_FROM,
     N_ACTIVE,
     N_SOURCE,
     N_DISPLACEMENT_WORK,
@@ -408,6 +475,12 @@ class Layout:
             + known["decks"] * known["panels"] * len(PANEL)
             + 5 * MAX_HARMONICS
         )
+        known["lower_decks"] = known["decks"] - 1
+        known["deck_streams"] = 2 * known["decks"]
+        known["streams"] = OVER + known["decks"]
+        known["ledger_rows"] = 2 * known["streams"]
+        known["knot_rows"] = known["decks"] * known["knots"]
+        known["fall_rows"] = known["decks"] * known["falls"]
         known["block"] = (known["layers"] + 1) * known["nodes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}
@@ -458,6 +531,9 @@ class Layout:
     AT_OUTPUT,
     AT_UNDERSIZE_FRACTION,
     AT_OVERSIZE_FRACTION,
+    AT_INTERMEDIATE,
+    AT_INTERMEDIATE_FRACTION,
+    AT_DECK_BED,
     AT_SWITCH,
     AT_HARMONIC,
     AT_EDGE,
@@ -465,6 +541,8 @@ class Layout:
     AT_NODE_CLASS,
     AT_NODE_POSITION,
     AT_NODE_WEIGHT,
+    AT_PANEL_COUNT,
+    AT_PANEL_CELLS,
     AT_COUNTER,
     AT_LEDGER,
     AT_INITIAL_MASS,
@@ -480,6 +558,7 @@ class Layout:
     AT_FREE,
     AT_LENGTH,
     AT_LAYERS_USED,
+    AT_ON_PANEL,
     AT_PACE,
     AT_LOAD,
     AT_REFERENCE,
@@ -487,6 +566,11 @@ class Layout:
     AT_LEAD_FEED,
     AT_LEAD_PASSED,
     AT_PARTIAL,
+    AT_KNOT_PLACE,
+    AT_KNOT_PASSED,
+    AT_KNOT_BEFORE,
+    AT_KNOT_AFTER,
+    AT_CARRY,
     AT_REFUSAL,
     AT_SEEN_NOW,
     AT_SLOPE,
@@ -497,6 +581,16 @@ class Layout:
     AT_DISPLACEMENT_WORK,
     AT_STEP_MASS,
     AT_CLASS_MASS,
+    AT_HOLD_UP_WORK,
+    AT_FALL_START,
+    AT_FALL_STOP,
+    AT_FALL,
+    AT_FALL_COHORT,
+    AT_FALL_COUNT,
+    AT_RECORD,
+    AT_LANDING_START,
+    AT_LANDING_STOP,
+    AT_LANDING,
     AT_COLUMN,
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,

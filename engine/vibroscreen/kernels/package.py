@@ -17,6 +17,7 @@ from math import ceil, cosh, log, sinh
 import numpy as np
 
 from vibroscreen.kernels.jit import inlined, kernel, view1, view2
+from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
@@ -26,6 +27,7 @@ from vibroscreen.kernels.layout import (
     AT_PARAMETER,
     AT_PERCOLATION,
     AT_PLACE,
+    AT_RECORD,
     AT_SCRATCH,
     AT_SHARE,
     AT_SIZE,
@@ -41,9 +43,9 @@ from vibroscreen.kernels.layout import (
     C_COLUMN_STEPS,
     C_EMPTY_SKIPPED,
     C_LANDINGS,
-    C_RATES,
     C_PAIR_STEPS,
     C_POSITIVE_STEPS,
+    C_RATES,
     C_STABILISED_STEPS,
     C_SUB_STEPS,
     C_USED_UP_SKIPPED,
@@ -63,6 +65,8 @@ from vibroscreen.kernels.layout import (
     PARAMETER,
     PASSAGE_ADDRESS,
     PASSAGE_LAW,
+    RECORDED,
+    RECORDED_FROM,
     S_APERTURE,
     S_BED_LOAD,
     S_CONTACT_LOAD,
@@ -73,6 +77,7 @@ from vibroscreen.kernels.layout import (
     S_LAYER_FULL,
     S_LAYER_LOAD,
     S_PASSAGE_VELOCITY,
+    S_TRANSPORT_VELOCITY,
     SEGREGATION_ADDRESS,
     SEGREGATION_MODEL,
     SWITCH,
@@ -126,7 +131,7 @@ PAIR, POSITIVE, STABILISED = range(3)
 WIDE_FROM, POSITIVE_FROM = 7.0, 0.75
 # Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py).
-MARGIN = (8.0, 25.0, 5.0)
+MARGIN = (4.0, 20.0, 5.0)
 # The scheme of order 3: stable up to this; its step is longer by this, as its error constant is
 # 15/24 of that of the stabilised one and its margin is wider.
 POSITIVE_STABLE = 5.0
@@ -749,7 +754,6 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
     # T_s, T_s' and T_s'' at w0
     root = (w0 * w0 - 1.0) ** 0.5
     angle = stages * log(w0 + root)
-    first = sinh(angle) * stages / root
     w1 = (sinh(angle) * (w0 * w0 - 1.0)) / (cosh(angle) * stages * root - w0 * sinh(angle))
     b2 = 1.0 / (4.0 * w0 * w0)
     b_far, b_near = b2, 1.0 / w0
@@ -762,9 +766,7 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
         swap_blocks(buffer, STAGED, K2, size)
         near, far = K2, STAGED
     for _ in range(2, stages + 1):
-        column_rates(
-            buffer, scene, AT_STAGE, near, layers, AT_STAGE, K3, moment + c_near * h
-        )
+        column_rates(buffer, scene, AT_STAGE, near, layers, AT_STAGE, K3, moment + c_near * h)
         t = 2.0 * w0 * t_near - t_far
         d = 2.0 * w0 * d_near - d_far + 2.0 * t_near
         e = 2.0 * w0 * e_near - e_far + 4.0 * d_near
@@ -977,6 +979,21 @@ def carry_debts(flux, load, rows):
 
 
 @kernel
+def pay_integral(buffer, rows):
+    """Pay the debts of the time integrals, if there are any."""
+    total = block(buffer, AT_STAGE, INTEGRAL)
+    least = 0.0
+    for i in range((rows + 1) * int(buffer[N_ACTIVE])):
+        least = min(least, total[i])
+    if least < 0.0:
+        gone, load = (
+            block_passed(buffer, AT_STAGE, INTEGRAL),
+            block_load(buffer, AT_STAGE, INTEGRAL),
+        )
+        carry_debts(gone, load, rows)
+
+
+@kernel
 def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
     size = (rows + 1) * int(buffer[N_ACTIVE])
@@ -1141,6 +1158,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
             buffer, scene, book, layers, duration, left, shortest, explicit
         )
         rows = max(rows, int(book[D_ROWS]))
+        pay_integral(buffer, rows)
         scatter(buffer, load, layers, rows, before - left)
     return layers
 
@@ -1169,6 +1187,8 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             keep_top_share(buffer, layers)
             column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, moment)
             before, h = 0.0, 0.0
+        if buffer[RECORDED] > 0.0:
+            note_passage(buffer, scene, moment)
         growth = top_growth(buffer, layers)
         slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
         distance = mass_to_kink(buffer, scene, load, layers, growth)
@@ -1198,6 +1218,11 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
                 book[D_CAPACITY_ALARM] = 1.0
             fresh = False
         left = 0.0 if h == left else left - h
+    if left <= 0.0 and buffer[RECORDED] > 0.0:
+        if not fresh:
+            keep_top_share(buffer, layers)
+            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, duration)
+        note_passage(buffer, scene, duration)
     book[D_ROWS] = most
     return layers, left
 
@@ -1286,6 +1311,23 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             book[D_WIDE] = h * min(5.0, 0.85 * error**-0.5)
             counter[C_PAIR_STEPS] += 1
         return h, scheme != POSITIVE
+
+
+@kernel
+def note_passage(buffer, scene, moment):
+    """Record what has passed of the slice and passes now, for the deck below."""
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    passed, passing = node_vector(buffer, AT_RECORD, 0), node_vector(buffer, AT_RECORD, 1)
+    before = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    now, rate = block_passed(buffer, AT_STAGE, NOW), block_passed(buffer, AT_STAGE, K1)
+    for i in range(passed.size):
+        n = int(place[i])
+        passed[i] = before[i]
+        passing[i] = 0.0
+        if n >= 0:
+            passed[i] += share[i] * now[n]
+            passing[i] = share[i] * rate[n]
+    record_knot(buffer, buffer[RECORDED_FROM] + moment * scene[S_TRANSPORT_VELOCITY])
 
 
 @inlined

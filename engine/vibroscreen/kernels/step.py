@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from math import isfinite, pi, sin
 
+from vibroscreen.kernels.cascade import advance_decks, all_covered
 from vibroscreen.kernels.classes import merge_classes, split_classes
 from vibroscreen.kernels.deck import (
-    advance_deck,
     clear_deck,
-    deck_length,
     depth_at_discharge,
     depth_at_feed,
     held_by_node,
     join_queue,
-    residence_time,
     start_cohort,
 )
 from vibroscreen.kernels.displacement import GRAVITY, compose_motion, prescribed, rigid_body
@@ -32,6 +30,7 @@ from vibroscreen.kernels.layout import (
     APERTURE,
     AT_CLASS_MASS,
     AT_COUNTER,
+    AT_DECK_BED,
     AT_DISPLACEMENT_RESULT,
     AT_DISPLACEMENT_WORK,
     AT_DRIVE_SETTING,
@@ -40,8 +39,11 @@ from vibroscreen.kernels.layout import (
     AT_FRACTION,
     AT_HARMONIC,
     AT_HELD,
+    AT_HOLD_UP_WORK,
     AT_INITIAL_MASS,
     AT_INPUT,
+    AT_INTERMEDIATE,
+    AT_INTERMEDIATE_FRACTION,
     AT_LAST_SEEN,
     AT_LEDGER,
     AT_MEMORY,
@@ -62,6 +64,7 @@ from vibroscreen.kernels.layout import (
     AT_SLOPE,
     AT_STEADY_RATE,
     AT_STEP_MASS,
+    AT_SWITCH,
     AT_UNDERSIZE_FRACTION,
     BAD_SUM,
     BALANCE_ERROR,
@@ -76,7 +79,11 @@ from vibroscreen.kernels.layout import (
     COUNTER,
     CUT_SIZE,
     D_CAPACITY_ALARM,
-    D_COVERED,
+    DECK_BED,
+    DECK_DEPTH_DISCHARGE,
+    DECK_DEPTH_FEED,
+    DECK_HOLD_UP,
+    DECK_VELOCITY,
     DEPTH_DISCHARGE,
     DEPTH_FEED,
     DISPLACEMENT_ADDRESS,
@@ -98,9 +105,12 @@ from vibroscreen.kernels.layout import (
     INCLINATION,
     INITIAL,
     INPUT,
+    INTERMEDIATE,
+    INTERMEDIATE_MASS,
+    INTERMEDIATE_RATE,
     LAYER_DEPTH,
     LAYERED,
-    LEDGER_ROWS,
+    LENGTH,
     M_SETTLED,
     MAX_HARMONICS,
     MEMORY,
@@ -150,6 +160,7 @@ from vibroscreen.kernels.layout import (
     SEGREGATION_MODEL,
     SEGREGATION_PROPORTION,
     SEGREGATION_VELOCITY,
+    SWITCH,
     THROW_ANGLE,
     THROW_NUMBER_OUT,
     TOO_LARGE,
@@ -161,14 +172,19 @@ from vibroscreen.kernels.layout import (
     UNDERSIZE_RECOVERY,
     VELOCITY_FACTOR,
     VIBRATING_MASS,
+    W_DISPLACEMENT,
+    W_SHARED,
+    W_STEADY,
     class_vector,
     deck_vector,
     node_vector,
     panel_vector,
     scalars,
     scene_vector,
+    vector,
 )
 from vibroscreen.kernels.passage import PELEVIN
+from vibroscreen.kernels.place import deck_length, panel_count, residence_time
 from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE
 
 PRESCRIBED, RIGID_BODY = 1, 2
@@ -397,6 +413,47 @@ def set_transport(buffer, deck, number, scene):
     return ACCEPTED
 
 
+@kernel
+def same_transport(buffer, deck, number):
+    """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
+    panel = panel_vector(buffer, deck, number)
+    panels = int(buffer[N_PANELS])
+    for other in range(deck):
+        for k in range(panel_count(buffer, other)):
+            known = panel_vector(buffer, other, k)
+            alike = known[VELOCITY_FACTOR] == panel[VELOCITY_FACTOR]
+            if alike and known[INCLINATION] == panel[INCLINATION]:
+                return other * panels + k
+    for k in range(number):
+        known = panel_vector(buffer, deck, k)
+        alike = known[VELOCITY_FACTOR] == panel[VELOCITY_FACTOR]
+        if alike and known[INCLINATION] == panel[INCLINATION]:
+            return deck * panels + k
+    return -1
+
+
+@kernel
+def copy_transport(buffer, known, scene):
+    """Take the displacement of another panel into a scene."""
+    panels = int(buffer[N_PANELS])
+    other = scene_vector(buffer, AT_SCENE_NOW, known // panels, known % panels)
+    for k in (S_TRANSPORT_VELOCITY, S_DISSIPATION, S_THROW_NUMBER, S_TRANSPORT_STATUS):
+        scene[k] = other[k]
+
+
+@kernel
+def stop_together(buffer, deck):
+    """A deck conveys on all of its panels or on none: one that does not stops the bed."""
+    panels = panel_count(buffer, deck)
+    slowest = 1e300
+    for number in range(panels):
+        scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
+        slowest = min(slowest, scene[S_TRANSPORT_VELOCITY])
+    if slowest <= 0.0:
+        for number in range(panels):
+            scene_vector(buffer, AT_SCENE_NOW, deck, number)[S_TRANSPORT_VELOCITY] = 0.0
+
+
 # --- scene -------------------------------------------------------------------------------------
 @inlined
 def set_scene(buffer, deck, number, scene):
@@ -417,7 +474,7 @@ def set_scene(buffer, deck, number, scene):
     rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
     scene[S_THROW_ANGLE] = inputs[THROW_ANGLE] + rotation
     scene[S_ELLIPTICITY], scene[S_INCLINATION] = inputs[ELLIPTICITY], panel[INCLINATION]
-    scene[S_HORIZON] = residence_time(buffer, deck, scene)
+    scene[S_HORIZON] = residence_time(buffer, AT_SCENE_NOW, deck)
 
 
 @kernel
@@ -439,16 +496,20 @@ def prepare(buffer, fresh):
         return code
     size = motion_part(buffer) + 1 + int(buffer[N_CLASSES])
     now, last = scalars(buffer, AT_SEEN_NOW, size), scalars(buffer, AT_LAST_SEEN, size)
+    switch = scalars(buffer, AT_SWITCH, len(SWITCH))
     look(buffer, now)
     moved = fresh or differ(now, last, 0, motion_part(buffer))
     fed = fresh or differ(now, last, motion_part(buffer), size)
-    if not (moved or fed):
+    solve = switch[W_DISPLACEMENT] == 0.0 or (moved and (fresh or displaced(buffer, now, last)))
+    if not (moved or fed or solve or switch[W_SHARED] == 0.0):
         return ACCEPTED
-    solve = moved and (fresh or displaced(buffer, now, last))
-    if moved:
+    if moved or solve:
         code = prepare_scenes(buffer, solve)
         if code != ACCEPTED:
             return code
+    scalars(buffer, AT_COUNTER, len(COUNTER))[C_DISPLACEMENT] += 1.0 if solve else 0.0
+    if not (moved or fed or switch[W_SHARED] == 0.0):
+        return ACCEPTED
     if fed and now[motion_part(buffer)] > 0.0:
         spread_feed(buffer)
     for k in range(size):
@@ -458,7 +519,6 @@ def prepare(buffer, fresh):
         join_queue(buffer, deck)
     if moved:
         keep_scenes(buffer)
-    scalars(buffer, AT_COUNTER, len(COUNTER))[C_DISPLACEMENT] += 1.0 if solve else 0.0
     start_cohort(buffer, 0, now[motion_part(buffer)])
     return ACCEPTED
 
@@ -486,16 +546,23 @@ def displaced(buffer, now, last):
 def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
     for deck in range(int(buffer[N_DECKS])):
-        for number in range(int(buffer[N_PANELS])):
+        for number in range(panel_count(buffer, deck)):
             scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
             used = scene_vector(buffer, AT_SCENE, deck, number)
             for k in range(scene.size):
                 scene[k] = used[k]
             if solve:
-                code = set_transport(buffer, deck, number, scene)
-                if code != ACCEPTED:
-                    return code
-            set_scene(buffer, deck, number, scene)
+                known = same_transport(buffer, deck, number)
+                if known >= 0:
+                    copy_transport(buffer, known, scene)
+                else:
+                    code = set_transport(buffer, deck, number, scene)
+                    if code != ACCEPTED:
+                        return code
+    for deck in range(int(buffer[N_DECKS])):
+        stop_together(buffer, deck)
+        for number in range(panel_count(buffer, deck)):
+            set_scene(buffer, deck, number, scene_vector(buffer, AT_SCENE_NOW, deck, number))
     return ACCEPTED
 
 
@@ -503,7 +570,7 @@ def prepare_scenes(buffer, solve):
 def keep_scenes(buffer):
     """Take the scenes in scene_now into use."""
     for deck in range(int(buffer[N_DECKS])):
-        for number in range(int(buffer[N_PANELS])):
+        for number in range(panel_count(buffer, deck)):
             scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
             used = scene_vector(buffer, AT_SCENE, deck, number)
             for k in range(FIXED_SCENE):
@@ -548,7 +615,7 @@ def add_compensated(ledger_sum, ledger_rest, mass):
 @kernel
 def book_masses(buffer):
     """Add the class masses of the step (rows fed, undersize, oversize) to the ledger."""
-    for row in range(LEDGER_ROWS // 2):
+    for row in range(OVER + int(buffer[N_DECKS])):
         add_compensated(
             class_vector(buffer, AT_LEDGER, 2 * row),
             class_vector(buffer, AT_LEDGER, 2 * row + 1),
@@ -558,9 +625,10 @@ def book_masses(buffer):
 
 @kernel
 def ledger_total(buffer, row):
-    """Cumulative mass of all classes, kg."""
+    """Cumulative mass of all classes of a stream, kg."""
     total = 0.0
-    whole, rest = class_vector(buffer, AT_LEDGER, row), class_vector(buffer, AT_LEDGER, row + 1)
+    whole = class_vector(buffer, AT_LEDGER, 2 * row)
+    rest = class_vector(buffer, AT_LEDGER, 2 * row + 1)
     for k in range(whole.size):
         total += rest[k]
     for k in range(whole.size):
@@ -574,12 +642,11 @@ def balance_error(buffer):
     initial, held = class_vector(buffer, AT_INITIAL_MASS, 0), class_vector(buffer, AT_HELD, 0)
     error = 0.0
     for k in range(held.size):
-        open_sum = class_vector(buffer, AT_LEDGER, FED)[k]
-        open_sum -= class_vector(buffer, AT_LEDGER, UNDER)[k]
-        open_sum -= class_vector(buffer, AT_LEDGER, OVER)[k]
-        rest = class_vector(buffer, AT_LEDGER, FED + 1)[k]
-        rest -= class_vector(buffer, AT_LEDGER, UNDER + 1)[k]
-        rest -= class_vector(buffer, AT_LEDGER, OVER + 1)[k]
+        open_sum = class_vector(buffer, AT_LEDGER, 2 * FED)[k]
+        rest = class_vector(buffer, AT_LEDGER, 2 * FED + 1)[k]
+        for row in range(UNDER, OVER + int(buffer[N_DECKS])):
+            open_sum -= class_vector(buffer, AT_LEDGER, 2 * row)[k]
+            rest -= class_vector(buffer, AT_LEDGER, 2 * row + 1)[k]
         error += (open_sum - held[k] + initial[k]) + rest
     return error
 
@@ -590,39 +657,39 @@ def count_held(buffer):
     node = node_vector(buffer, AT_NODE_WORK, 0)
     for i in range(node.size):
         node[i] = 0.0
+    hold_up = scalars(buffer, AT_HOLD_UP_WORK, int(buffer[N_DECKS]))
     for deck in range(int(buffer[N_DECKS])):
-        held_by_node(buffer, deck, node)
+        hold_up[deck] = held_by_node(buffer, deck, node)
     merge_classes(node, node_vector(buffer, AT_NODE_CLASS, 0), class_vector(buffer, AT_HELD, 0))
 
 
 # --- outputs -----------------------------------------------------------------------------------
 @kernel
-def write_stream(buffer, row, at_fraction, rate_index, duration):
-    """Mean rate and fractions of a stream over the step; without flow the fractions stay."""
+def write_stream(buffer, row, fraction, duration):
+    """Fractions of a stream over the step (without flow they stay); returns its mean rate, kg/s."""
     mass = class_vector(buffer, AT_CLASS_MASS, row)
     total = 0.0
     for k in range(mass.size):
         total += mass[k]
-    scalars(buffer, AT_OUTPUT, len(OUTPUT))[rate_index] = total / duration
     if total > 0.0:
-        fraction = class_vector(buffer, at_fraction, 0)
         for k in range(mass.size):
             fraction[k] = mass[k] / total
+    return total / duration
 
 
 @kernel
 def write_recovery(buffer):
     """Undersize recovery of the step: undersize finer than the aperture over the same as fed."""
     size = node_vector(buffer, AT_SIZE, 0)
-    passed = node_vector(buffer, AT_STEP_MASS, 0)
+    passed = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) - 1)
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
     aperture = panel_vector(buffer, 0, 0)[APERTURE]
-    for number in range(1, int(buffer[N_PANELS])):
+    for number in range(1, panel_count(buffer, 0)):
         aperture = min(aperture, panel_vector(buffer, 0, number)[APERTURE])
     fed, out = 0.0, 0.0
     total = 0.0
     for k in range(int(buffer[N_CLASSES])):
-        total += class_vector(buffer, AT_CLASS_MASS, 0)[k]
+        total += class_vector(buffer, AT_CLASS_MASS, FED)[k]
     for i in range(size.size):
         if size[i] < aperture:
             fed += fraction[i] * total
@@ -659,9 +726,18 @@ def write_partition(buffer):
     """Cut size and ecart probable of the step from the partition over the nodes."""
     output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
     size = node_vector(buffer, AT_SIZE, 0)
-    fine, coarse = node_vector(buffer, AT_STEP_MASS, 0), node_vector(buffer, AT_STEP_MASS, 1)
+    decks = int(buffer[N_DECKS])
+    fine, coarse = node_vector(buffer, AT_NODE_WORK, 0), node_vector(buffer, AT_STEP_MASS, decks)
+    # What does not leave over the top deck passes it: through all decks, or over a lower one.
+    passed = node_vector(buffer, AT_STEP_MASS, decks - 1)
+    for i in range(size.size):
+        fine[i] = passed[i]
+    for deck in range(1, decks):
+        between = node_vector(buffer, AT_STEP_MASS, decks + deck)
+        for i in range(size.size):
+            fine[i] += between[i]
     closed = 0.0
-    for number in range(int(buffer[N_PANELS])):
+    for number in range(panel_count(buffer, 0)):
         closed = max(closed, panel_vector(buffer, 0, number)[APERTURE])
     quarter = partition_size(size, fine, coarse, 0.25, closed)
     half = partition_size(size, fine, coarse, 0.5, closed)
@@ -684,22 +760,54 @@ def write_state(buffer):
     for k in range(held.size):
         total += held[k]
     output[HOLD_UP] = total
-    output[DEPTH_FEED] = depth_at_feed(buffer, 0)
-    output[DEPTH_DISCHARGE] = depth_at_discharge(buffer, 0)
     output[BED_VELOCITY] = scene[S_TRANSPORT_VELOCITY]
     output[THROW_NUMBER_OUT] = scene[S_THROW_NUMBER]
-    fall = GRAVITY * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
-    bed = total * max(0.0, scene[S_DISSIPATION] - fall)
+    for alarm in (ALARM_BED_DEPTH, ALARM_CAPACITY, ALARM_TRANSPORT):
+        output[alarm] = 0.0
+    bed = 0.0
+    for deck in range(int(buffer[N_DECKS])):
+        bed += write_bed(buffer, deck)
+    output[DEPTH_FEED] = deck_bed(buffer, 0)[DECK_DEPTH_FEED]
+    output[DEPTH_DISCHARGE] = deck_bed(buffer, 0)[DECK_DEPTH_DISCHARGE]
     speed = 2.0 * pi * inputs[FREQUENCY]
     force = parameter[VIBRATING_MASS] * inputs[AMPLITUDE] * speed * speed
     journal = 0.5 * speed * parameter[BEARING_DIAMETER]
     bearing = parameter[BEARING_FRICTION] * force * journal
     output[DRIVE_POWER] = (bed + bearing) / parameter[DRIVE_EFFICIENCY]
     output[BALANCE_ERROR] = balance_error(buffer)
-    deep = DEEP * scene[S_APERTURE]
-    output[ALARM_BED_DEPTH] = 1.0 if output[DEPTH_DISCHARGE] > deep else 0.0
-    output[ALARM_CAPACITY] = deck_vector(buffer, 0)[D_CAPACITY_ALARM]
-    output[ALARM_TRANSPORT] = 1.0 if scene[S_TRANSPORT_STATUS] == 2.0 else 0.0
+
+
+@kernel
+def deck_bed(buffer, deck):
+    """Outputs of the bed on a deck, indices DECK_*."""
+    return vector(buffer, AT_DECK_BED, len(DECK_BED), deck)
+
+
+@kernel
+def write_bed(buffer, deck):
+    """Hold-up, depths, velocity and alarms of a deck; returns the power that its bed takes, W."""
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
+    bed = deck_bed(buffer, deck)
+    bed[DECK_HOLD_UP] = scalars(buffer, AT_HOLD_UP_WORK, int(buffer[N_DECKS]))[deck]
+    bed[DECK_DEPTH_FEED] = depth_at_feed(buffer, deck)
+    bed[DECK_DEPTH_DISCHARGE] = depth_at_discharge(buffer, deck)
+    bed[DECK_VELOCITY] = scene_vector(buffer, AT_SCENE, deck, 0)[S_TRANSPORT_VELOCITY]
+    panels = panel_count(buffer, deck)
+    length = deck_length(buffer, deck)
+    power = 0.0
+    for number in range(panels):
+        scene = scene_vector(buffer, AT_SCENE, deck, number)
+        fall = GRAVITY * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
+        share = panel_vector(buffer, deck, number)[LENGTH] / length
+        power += share * max(0.0, scene[S_DISSIPATION] - fall)
+        if scene[S_TRANSPORT_STATUS] == 2.0:
+            output[ALARM_TRANSPORT] = 1.0
+    deep = DEEP * scene_vector(buffer, AT_SCENE, deck, panels - 1)[S_APERTURE]
+    if bed[DECK_DEPTH_DISCHARGE] > deep:
+        output[ALARM_BED_DEPTH] = 1.0
+    if deck_vector(buffer, deck)[D_CAPACITY_ALARM] > 0.0:
+        output[ALARM_CAPACITY] = 1.0
+    return bed[DECK_HOLD_UP] * power
 
 
 @kernel
@@ -709,6 +817,9 @@ def write_sums(buffer):
     output[FEED_MASS] = ledger_total(buffer, FED)
     output[UNDERSIZE_MASS] = ledger_total(buffer, UNDER)
     output[OVERSIZE_MASS] = ledger_total(buffer, OVER)
+    for k in range(int(buffer[N_DECKS]) - 1):
+        between = vector(buffer, AT_INTERMEDIATE, len(INTERMEDIATE), k)
+        between[INTERMEDIATE_MASS] = ledger_total(buffer, OVER + 1 + k)
 
 
 @kernel
@@ -727,7 +838,7 @@ def fed_masses(buffer, row, duration):
 @inlined
 def steady_step(buffer, duration):
     """A step in a steady scene: all rates are known, only the sums grow."""
-    for row in range(3):
+    for row in range(OVER + int(buffer[N_DECKS])):
         rate = class_vector(buffer, AT_STEADY_RATE, row)
         mass = class_vector(buffer, AT_CLASS_MASS, row)
         for k in range(rate.size):
@@ -741,35 +852,46 @@ def steady_step(buffer, duration):
 @kernel
 def move(buffer, duration):
     """Advance the decks; the masses of the step lie in step_mass and class_mass after it."""
-    classes = node_vector(buffer, AT_NODE_CLASS, 0)
-    for row in range(2):
+    decks = int(buffer[N_DECKS])
+    for row in range(2 * decks):
         mass = node_vector(buffer, AT_STEP_MASS, row)
         for i in range(mass.size):
             mass[i] = 0.0
-    deck_vector(buffer, 0)[D_CAPACITY_ALARM] = 0.0
-    advance_deck(buffer, 0, duration)
-    fed_masses(buffer, 0, duration)
-    for row in range(2):
-        merge_classes(
-            node_vector(buffer, AT_STEP_MASS, row),
-            classes,
-            class_vector(buffer, AT_CLASS_MASS, row + 1),
-        )
+    for deck in range(decks):
+        deck_vector(buffer, deck)[D_CAPACITY_ALARM] = 0.0
+    advance_decks(buffer, duration)
+    fed_masses(buffer, FED, duration)
+    classes = node_vector(buffer, AT_NODE_CLASS, 0)
+    # What passes the lowest deck, and what leaves over each.
+    for row in range(decks + 1):
+        mass = node_vector(buffer, AT_STEP_MASS, decks - 1 + row)
+        merge_classes(mass, classes, class_vector(buffer, AT_CLASS_MASS, UNDER + row))
 
 
 @kernel
 def at_rest(buffer):
     """Whether nothing vibrates and nothing is fed: nothing can change."""
-    scene = scene_vector(buffer, AT_SCENE, 0, 0)
-    alive = scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY] + scene[S_TRANSPORT_VELOCITY]
-    return alive == 0.0 and scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE] <= 0.0
+    alive = max(0.0, scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE])
+    for deck in range(int(buffer[N_DECKS])):
+        for number in range(panel_count(buffer, deck)):
+            scene = scene_vector(buffer, AT_SCENE, deck, number)
+            alive += scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY]
+            alive += scene[S_TRANSPORT_VELOCITY]
+    return alive == 0.0
 
 
 @kernel
 def write_streams(buffer, duration):
     """Outputs that are means over the step."""
-    write_stream(buffer, 1, AT_UNDERSIZE_FRACTION, UNDERSIZE_RATE, duration)
-    write_stream(buffer, 2, AT_OVERSIZE_FRACTION, OVERSIZE_RATE, duration)
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
+    under = class_vector(buffer, AT_UNDERSIZE_FRACTION, 0)
+    over = class_vector(buffer, AT_OVERSIZE_FRACTION, 0)
+    output[UNDERSIZE_RATE] = write_stream(buffer, UNDER, under, duration)
+    output[OVERSIZE_RATE] = write_stream(buffer, OVER, over, duration)
+    for k in range(int(buffer[N_DECKS]) - 1):
+        fraction = class_vector(buffer, AT_INTERMEDIATE_FRACTION, k)
+        between = vector(buffer, AT_INTERMEDIATE, len(INTERMEDIATE), k)
+        between[INTERMEDIATE_RATE] = write_stream(buffer, OVER + 1 + k, fraction, duration)
     write_recovery(buffer)
     write_partition(buffer)
 
@@ -781,21 +903,20 @@ def advance(buffer, duration):
     if code != ACCEPTED:
         return code
     memory = scalars(buffer, AT_MEMORY, len(MEMORY))
-    book = deck_vector(buffer, 0)
     scalars(buffer, AT_COUNTER, len(COUNTER))[C_STEPS] += 1.0
     if memory[M_SETTLED] == 1.0:
         steady_step(buffer, duration)
         return ACCEPTED
-    covered = book[D_COVERED] == 1.0 or at_rest(buffer)
+    settled = all_covered(buffer) or at_rest(buffer)
     move(buffer, duration)
     book_masses(buffer)
     count_held(buffer)
     write_streams(buffer, duration)
     write_sums(buffer)
     write_state(buffer)
-    if covered:
+    if settled and scalars(buffer, AT_SWITCH, len(SWITCH))[W_STEADY] > 0.0:
         memory[M_SETTLED] = 1.0
-        for row in range(3):
+        for row in range(OVER + int(buffer[N_DECKS])):
             rate = class_vector(buffer, AT_STEADY_RATE, row)
             mass = class_vector(buffer, AT_CLASS_MASS, row)
             for k in range(rate.size):
@@ -816,11 +937,19 @@ def initialise(buffer):
         stream = class_vector(buffer, at, 0)
         for k in range(stream.size):
             stream[k] = fraction[k]
-    velocity = scene_vector(buffer, AT_SCENE, 0, 0)[S_TRANSPORT_VELOCITY]
-    if scalars(buffer, AT_PARAMETER, len(PARAMETER))[INITIAL] == STEADY_START and velocity > 0.0:
-        move(buffer, FILLING * deck_length(buffer, 0) / velocity)
+    for between in range(int(buffer[N_DECKS]) - 1):
+        stream = class_vector(buffer, AT_INTERMEDIATE_FRACTION, between)
+        for k in range(stream.size):
+            stream[k] = fraction[k]
+    filling = 0.0
+    for deck in range(int(buffer[N_DECKS])):
+        filling += residence_time(buffer, AT_SCENE, deck)
+    full = scalars(buffer, AT_PARAMETER, len(PARAMETER))[INITIAL] == STEADY_START
+    if full and residence_time(buffer, AT_SCENE, 0) > 0.0:
+        move(buffer, FILLING * filling)
         move(buffer, 1.0)
-        count_held(buffer)
+    count_held(buffer)
+    if full and residence_time(buffer, AT_SCENE, 0) > 0.0:
         held, initial = class_vector(buffer, AT_HELD, 0), class_vector(buffer, AT_INITIAL_MASS, 0)
         for k in range(held.size):
             initial[k] = held[k]

@@ -1,0 +1,179 @@
+"""All decks over one communication step, top deck first (MODEL.md, "Several decks").
+
+The top deck moves in pieces that depend on nothing below it, so that its streams do not depend on
+what is below. A deck below moves in parts of a piece, under what fell from the deck above.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.deck import (
+    advance_queue,
+    advance_top,
+    extend_tail,
+    grow_cohort,
+    package_span,
+    queue_rear,
+    queue_slot,
+    start_cohort,
+    stream_of_covered_deck,
+    time_to_cover,
+)
+from vibroscreen.kernels.jit import inlined, kernel
+from vibroscreen.kernels.landing import clear_falls, clear_landing, lay_cohort, lay_records
+from vibroscreen.kernels.layout import (
+    AT_CARRY,
+    AT_LANDING_START,
+    AT_LANDING_STOP,
+    AT_SCENE,
+    AT_STEP_MASS,
+    D_COHORT_FED,
+    D_COHORT_ON,
+    D_COVERED,
+    D_PACKAGES,
+    N_CELLS,
+    N_DECKS,
+    N_FALLS,
+    S_PASSAGE_VELOCITY,
+    deck_vector,
+    node_vector,
+    scene_vector,
+    vector,
+)
+from vibroscreen.kernels.place import conveys, deck_length, place_after, residence_time
+
+# Pieces of a communication step of the top deck, for one residence time.
+PIECES = 16
+# A deck that stands still: shortest piece, s, and the most of them in a step.
+STILL_PIECE, STILL_PIECES = 1.0, 64
+
+
+@kernel
+def covered(buffer, deck):
+    """Whether the deck is steady: its cohort covers it."""
+    return deck_vector(buffer, deck)[D_COVERED] == 1.0
+
+
+@kernel
+def all_covered(buffer):
+    """Whether all decks are steady."""
+    for deck in range(int(buffer[N_DECKS])):
+        if not covered(buffer, deck):
+            return False
+    return True
+
+
+@inlined
+def piece_of(buffer, left, duration):
+    """Length of the next piece of the top deck, s."""
+    if covered(buffer, 0):
+        return left
+    if conveys(buffer, 0):
+        piece = min(left, residence_time(buffer, AT_SCENE, 0) / PIECES)
+        until = time_to_cover(buffer, 0)
+        return min(piece, until) if until > 0.0 else piece
+    if scene_vector(buffer, AT_SCENE, 0, 0)[S_PASSAGE_VELOCITY] == 0.0:
+        return left
+    return min(left, max(STILL_PIECE, duration / STILL_PIECES))
+
+
+@kernel
+def advance_decks(buffer, duration):
+    """Advance all decks; the masses of the step lie in `step_mass` after it."""
+    left = duration
+    while left > 0.0:
+        piece = piece_of(buffer, left, duration)
+        clear_falls(buffer, 0)
+        if covered(buffer, 0):
+            stream_of_covered_deck(buffer, 0, piece)
+        else:
+            piece = advance_top(buffer, piece)
+        if int(buffer[N_DECKS]) > 1 and piece > 0.0:
+            advance_below(buffer, piece)
+        left = 0.0 if piece == left else left - piece
+
+
+@kernel
+def part_of(buffer, left):
+    """Length of the next part of a piece for the decks below the top one, s."""
+    part = left
+    for deck in range(1, int(buffer[N_DECKS])):
+        if covered(buffer, deck) or not conveys(buffer, deck):
+            continue
+        part = min(part, residence_time(buffer, AT_SCENE, deck) / buffer[N_CELLS])
+        if deck_vector(buffer, deck)[D_COHORT_ON] > 0.0:
+            part = min(part, time_to_cover(buffer, deck))
+    return part
+
+
+@kernel
+def advance_below(buffer, piece):
+    """Advance the decks below the top one by a piece under what fell from the top one."""
+    left = piece
+    while left > 0.0:
+        start_cohorts_below(buffer)
+        part = part_of(buffer, left)
+        for deck in range(1, int(buffer[N_DECKS])):
+            # The records of the top deck are those of the whole piece.
+            whole = piece if deck == 1 else part
+            moment = piece - left + 0.5 * part if deck == 1 else 0.5 * part
+            clear_falls(buffer, deck)
+            advance_under(buffer, deck, part, part / whole, moment, whole)
+        left = 0.0 if part == left else left - part
+
+
+@kernel
+def start_cohorts_below(buffer):
+    """Begin a cohort on every deck on which what falls has become steady."""
+    for deck in range(1, int(buffer[N_DECKS])):
+        book = deck_vector(buffer, deck)
+        if covered(buffer, deck - 1) and conveys(buffer, deck) and book[D_COHORT_ON] == 0.0:
+            start_cohort(buffer, deck, deck_vector(buffer, 0)[D_COHORT_FED])
+
+
+@kernel
+def advance_under(buffer, deck, duration, share, moment, whole):
+    """Advance a deck by `duration` s under a share of what fell from the one above in `whole` s."""
+    book = deck_vector(buffer, deck)
+    if covered(buffer, deck):
+        stream_of_covered_deck(buffer, deck, duration)
+        pay_rest(buffer, deck)
+        return
+    if book[D_COHORT_ON] > 0.0:
+        grow_cohort(buffer, deck, duration)
+    elif conveys(buffer, deck):
+        extend_tail(buffer, deck, duration)
+    count = int(book[D_PACKAGES])
+    place_packages(buffer, deck, duration)
+    clear_landing(buffer, count)
+    lay_records(buffer, deck, count, share, moment)
+    lay_cohort(buffer, deck, count, share, whole - moment)
+    advance_queue(buffer, deck, duration)
+
+
+@kernel
+def place_packages(buffer, deck, duration):
+    """Where the packages of a deck are in the middle of a step, m, within the deck."""
+    falls = int(buffer[N_FALLS])
+    start, stop = (
+        vector(buffer, AT_LANDING_START, falls, 0),
+        vector(buffer, AT_LANDING_STOP, falls, 0),
+    )
+    length = deck_length(buffer, deck)
+    rear = queue_rear(buffer, deck)
+    if conveys(buffer, deck):
+        rear -= 0.5 * duration
+    for package in range(int(deck_vector(buffer, deck)[D_PACKAGES]) - 1, -1, -1):
+        front = rear + package_span(buffer, deck, queue_slot(buffer, deck, package))
+        start[package] = min(length, max(0.0, place_after(buffer, AT_SCENE, deck, rear)))
+        stop[package] = min(length, max(0.0, place_after(buffer, AT_SCENE, deck, front)))
+        rear = front
+
+
+@kernel
+def pay_rest(buffer, deck):
+    """Book what round-off left between a cohort and the packages before it, once it covers."""
+    carry = node_vector(buffer, AT_CARRY, deck)
+    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
+    for i in range(carry.size):
+        oversize[i] += carry[i]
+        carry[i] = 0.0

@@ -1,0 +1,146 @@
+"""Where things are on a deck: panels, cells, and riding time against place (MODEL.md, "The deck").
+
+The riding time is what a package needs from the feed end to a place, s; `at` says whether with the
+scenes in use or with new ones. A deck conveys on all of its panels or on none.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.layout import (
+    AT_PANEL_CELLS,
+    AT_PANEL_COUNT,
+    AT_SCENE,
+    AT_WIDTH,
+    LENGTH,
+    N_DECKS,
+    N_PANELS,
+    S_TRANSPORT_VELOCITY,
+    panel_vector,
+    scene_vector,
+    vector,
+)
+
+
+@kernel
+def panel_count(buffer, deck):
+    """Number of panels of a deck."""
+    return int(vector(buffer, AT_PANEL_COUNT, int(buffer[N_DECKS]), 0)[deck])
+
+
+@kernel
+def deck_width(buffer, deck):
+    """Width of a deck, m."""
+    return vector(buffer, AT_WIDTH, int(buffer[N_DECKS]), 0)[deck]
+
+
+@kernel
+def deck_length(buffer, deck):
+    """Length of a deck, m."""
+    length = 0.0
+    for panel in range(panel_count(buffer, deck)):
+        length += panel_vector(buffer, deck, panel)[LENGTH]
+    return length
+
+
+@kernel
+def panel_velocity(buffer, at, deck, panel):
+    """Velocity of the bed on a panel, m/s."""
+    return scene_vector(buffer, at, deck, panel)[S_TRANSPORT_VELOCITY]
+
+
+@kernel
+def conveys(buffer, deck):
+    """Whether the bed moves along a deck."""
+    return panel_velocity(buffer, AT_SCENE, deck, 0) > 0.0
+
+
+@kernel
+def panel_end_time(buffer, at, deck, panel):
+    """Riding time at the end of a panel, s."""
+    time = 0.0
+    for k in range(panel + 1):
+        time += panel_vector(buffer, deck, k)[LENGTH] / panel_velocity(buffer, at, deck, k)
+    return time
+
+
+@kernel
+def residence_time(buffer, at, deck):
+    """Riding time at the discharge, s; 0 where the deck does not convey."""
+    if panel_velocity(buffer, at, deck, 0) <= 0.0:
+        return 0.0
+    return panel_end_time(buffer, at, deck, panel_count(buffer, deck) - 1)
+
+
+@kernel
+def riding_time(buffer, at, deck, place):
+    """Riding time at a place [m], s, also before the feed end; the place itself on a deck at rest."""
+    velocity = panel_velocity(buffer, at, deck, 0)
+    if velocity <= 0.0:
+        return place
+    time = 0.0
+    left = place
+    last = panel_count(buffer, deck) - 1
+    for panel in range(last):
+        length = panel_vector(buffer, deck, panel)[LENGTH]
+        if left <= length:
+            return time + left / panel_velocity(buffer, at, deck, panel)
+        time += length / panel_velocity(buffer, at, deck, panel)
+        left -= length
+    return time + left / panel_velocity(buffer, at, deck, last)
+
+
+@kernel
+def place_after(buffer, at, deck, time):
+    """Place [m] at a riding time [s], also before the feed end and beyond the discharge."""
+    if panel_velocity(buffer, at, deck, 0) <= 0.0:
+        return time
+    place = 0.0
+    left = time
+    last = panel_count(buffer, deck) - 1
+    for panel in range(last):
+        length = panel_vector(buffer, deck, panel)[LENGTH]
+        velocity = panel_velocity(buffer, at, deck, panel)
+        if left * velocity <= length:
+            return place + left * velocity
+        left -= length / velocity
+        place += length
+    return place + left * panel_velocity(buffer, at, deck, last)
+
+
+@kernel
+def panel_cells(buffer, deck, panel):
+    """Number of cells of the cohort on a panel."""
+    return int(vector(buffer, AT_PANEL_CELLS, int(buffer[N_PANELS]), deck)[panel])
+
+
+@kernel
+def cell_length(buffer, deck, panel):
+    """Length of a cell on a panel, that of the longest package, m."""
+    return panel_vector(buffer, deck, panel)[LENGTH] / panel_cells(buffer, deck, panel)
+
+
+@kernel
+def cell_panel(buffer, deck, cell):
+    """Panel on which a cell lies."""
+    panel = 0
+    first = panel_cells(buffer, deck, 0)
+    while cell >= first and panel + 1 < panel_count(buffer, deck):
+        panel += 1
+        first += panel_cells(buffer, deck, panel)
+    return panel
+
+
+@kernel
+def cell_end(buffer, at, deck, cell):
+    """Riding time at the end of a cell, s."""
+    panel = cell_panel(buffer, deck, cell)
+    beyond = 0
+    for k in range(panel + 1):
+        beyond += panel_cells(buffer, deck, k)
+    end = panel_end_time(buffer, at, deck, panel)
+    behind = beyond - 1 - cell  # cells of the panel that follow
+    if behind == 0:
+        return end
+    span = panel_vector(buffer, deck, panel)[LENGTH] / panel_velocity(buffer, at, deck, panel)
+    return end - span * behind / panel_cells(buffer, deck, panel)
