@@ -65,6 +65,7 @@ from vibroscreen.kernels.layout import (
     D_PARTIAL_LAYERS,
     D_PILE_OPEN,
     D_PILE_REAR,
+    D_ROWS,
     D_STEP,
     D_WIDE,
     LAYERED,
@@ -397,7 +398,7 @@ def discharge(buffer, deck, index, row, duration, rest):
     pass_through(buffer, deck, row, width * rest, width * shortening)
     oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
     time = column(buffer, AT_COLUMN_TIME, 0)
-    for j in range(time.shape[0]):
+    for j in range(int(deck_vector(buffer, deck)[D_ROWS])):
         for i in range(oversize.size):
             oversize[i] += width * shortening * time[j, i]
     length[index] = rest
@@ -748,13 +749,14 @@ def advance_lead(buffer, deck, duration):
         buffer[RECORDED] = deck + 1.0 if below else 0.0
         buffer[RECORDED_FROM] = place
         if buffer[N_SOURCE] == 0.0 and bed_load(lead, before) == 0.0:
-            clear_sums(buffer)
+            clear_sums(buffer, before)
+            book[D_ROWS] = before
             if below:
                 record_nothing(buffer, place, place + velocity * step)
         else:
             book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, before, step)
         buffer[N_SOURCE], buffer[RECORDED] = 0.0, 0.0
-        layers = int(max(book[D_PARTIAL_LAYERS], before, book[D_LEAD_LAYERS]))
+        rows = int(book[D_ROWS])
         for i in range(fed.size):
             mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
             undersize[i] += mass
@@ -762,12 +764,12 @@ def advance_lead(buffer, deck, duration):
             if below:
                 fallen[i] += mass
             taken = mass
-            for j in range(layers):
+            for j in range(rows):
                 partial[j, i] += velocity * time[j, i]
                 taken += width * velocity * time[j, i]
             if deck > 0:
                 carry[i] -= taken
-        book[D_PARTIAL_LAYERS] = layers
+        book[D_PARTIAL_LAYERS] = max(book[D_PARTIAL_LAYERS], rows)
         left -= step
 
 

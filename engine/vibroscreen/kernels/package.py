@@ -128,14 +128,16 @@ FIRST = 1.0
 # Schemes. An error of third order decides: where the step that it allows, times the fastest rate,
 # is wide, many cheap stages are best; where it is short, high order is.
 PAIR, POSITIVE, STABILISED = range(3)
-WIDE_FROM, POSITIVE_FROM = 7.0, 0.75
 # Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py).
-MARGIN = (4.0, 20.0, 5.0)
+MARGIN = (4.0, 60.0, 5.0)
 # The scheme of order 3: stable up to this; its step is longer by this, as its error constant is
 # 15/24 of that of the stabilised one and its margin is wider.
 POSITIVE_STABLE = 5.0
 POSITIVE_GAIN = (24.0 / 15.0 * MARGIN[POSITIVE] / MARGIN[STABILISED]) ** 0.5
+# By the cost in rates of a step: six against four, and more stages with more overhead.
+POSITIVE_FROM = 4.0 / 6.0 * STABLE / POSITIVE_GAIN
+WIDE_FROM = 7.0
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
@@ -299,7 +301,8 @@ def fill_block(buffer, load, reference, layers, coarse):
     landing = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, count)
     now, integral = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
     terms = int(buffer[N_SOURCE])
-    for k in range(now.size):
+    rows_above = layers if terms == 0 else load.shape[0]
+    for k in range((rows_above + 1) * count):
         now[k] = 0.0
         integral[k] = 0.0
     for n in range(count):
@@ -1125,14 +1128,14 @@ def top_growth(buffer, layers):
 
 
 @kernel
-def clear_sums(buffer):
-    """Zero the sums of `integrate`."""
+def clear_sums(buffer, rows):
+    """Zero the sums of `integrate` in `rows` layers."""
     for row in range(2):
         flux = node_vector(buffer, AT_COLUMN_FLUX, row)
         for i in range(flux.size):
             flux[i] = 0.0
     total_time = column(buffer, AT_COLUMN_TIME, 0)
-    for j in range(total_time.shape[0]):
+    for j in range(rows):
         for i in range(total_time.shape[1]):
             total_time[j, i] = 0.0
 
@@ -1142,11 +1145,14 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     """Let a column go through `duration` s; returns the number of layers after it.
 
     `load` is advanced in place. The fields column_flux (what passed, kg/m2, and its time integral)
-    and column_time (time integral of the loads, kg s/m2) hold the sums over the duration.
+    and column_time (time integral of the loads, kg s/m2, in D_ROWS rows) hold the sums over the
+    duration.
     `reference` is what was fed of each node, kg/m2: errors are a part of it. The first N_SOURCE
     rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
-    clear_sums(buffer)
+    # What lands may open layers, nothing else does.
+    clear_sums(buffer, layers if buffer[N_SOURCE] == 0.0 else load.shape[0])
+    used = layers
     explicit = vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_EXPLICIT] > 0.0
     shortest = SHORTEST * max(duration, scene[S_HORIZON])
     left = duration
@@ -1158,8 +1164,10 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
             buffer, scene, book, layers, duration, left, shortest, explicit
         )
         rows = max(rows, int(book[D_ROWS]))
+        used = max(used, rows)
         pay_integral(buffer, rows)
         scatter(buffer, load, layers, rows, before - left)
+    book[D_ROWS] = used
     return layers
 
 
