@@ -174,11 +174,11 @@ def test_engine_needs_no_more_than_mass_and_mean_where_nothing_passes() -> None:
 def test_nodes_of_a_piece_grow_with_its_width_and_the_wanted_accuracy(
     low: float, width: float, tolerance: float
 ) -> None:
-    nodes = piece_nodes(low, low + width, 1.0, tolerance)
+    nodes = piece_nodes(low, low + width, 1.0, 500.0, tolerance)
     assert 1 <= nodes <= MOST_NODES
-    assert piece_nodes(low, low + 0.5 * width, 1.0, tolerance) <= nodes
-    assert piece_nodes(low, low + width, 1.0, 0.1 * tolerance) >= nodes
-    assert piece_nodes(low + 1.0, low + 1.0 + width, 1.0, tolerance) == 1
+    assert piece_nodes(low, low + 0.5 * width, 1.0, 500.0, tolerance) <= nodes
+    assert piece_nodes(low, low + width, 1.0, 500.0, 0.1 * tolerance) >= nodes
+    assert piece_nodes(low + 1.0, low + 1.0 + width, 1.0, 500.0, tolerance) == 1
 
 
 @given(analyses(), st.sampled_from([WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED]))

@@ -8,7 +8,7 @@ scipy.interpolate.PchipInterpolator. Its derivative is the density of mass over 
 How many nodes a piece of a class needs for an error below the tolerance (`piece_nodes`): the
 recovery of a grain at the distance s = 1 - d/a from the aperture is about 1 - exp(-K s^2), and the
 density is a quadratic, at worst 3 (1 - 2x)^2 with x = 0..1 in the class. Largest error of
-Gauss-Legendre over all such densities and all K up to MOST_PASSAGE, near end of the piece at s,
+Gauss-Legendre over all such densities and all K up to 50, near end of the piece at s,
 width h a (by 40 nodes), beside the estimate `quadrature_error`:
 
       s    h    1 node            2 nodes           4 nodes           6 nodes
@@ -46,15 +46,18 @@ from vibroscreen.kernels.segregation import (
 )
 
 MOST_NODES = 24  # on a piece, where the engine chooses
-# Largest K = rho_b u phi W L/Q0 that the nodes are made for. K is 15 on the default screen; what a
-# grain sees is more where the bed thins out, up to u phi L/(v h_c), 50 there.
-MOST_PASSAGE = 50.0
+# Largest K = rho_b u phi W L/Q0 that the nodes are made for. K is 15 on the default screen, 50 on
+# fast ones; a grain sees up to u phi L/(v h_c) where the bed thins out. It touches only the piece
+# next to the aperture. Percolation through the gaps is slower, their open area is small.
+MOST_PASSAGE = 500.0
+MOST_PERCOLATION = 50.0
 # What the quadrature may take of the tolerance.
 SHARE_OF_TOLERANCE = 1.0 / 3.0
 # Kinks that move through the classes while a slice rides: the gap of `exchange`, the coarsest
 # sorted grain of `proportional` and `classified`. Error with n nodes on a piece of width w (of the
 # gap, of the aperture) over feeds and K from 1 to 50, class factors 1.15 to 4:
-#     exchange     10 (w/n)^4, the worst of 14 scenes within a factor of three
+#     exchange     10 (w/n)^4 the worst of 14 scenes within a factor of three, percolation up to
+#                  0.5 m/s; 50 (w/n)^4 the default screen at 1 m/s
 #     sorted       0.1 (w/n)^2 the median, 1 (w/n)^2 the worst
 GAP_KINK = 10.0
 SORTED_KINK = 0.1
@@ -63,24 +66,25 @@ _PI = 3.141592653589793
 
 
 @kernel
-def quadrature_error(nodes, near, width):
+def quadrature_error(nodes, near, width, most):
     """Estimated error of a class's recovery from `nodes` Gauss-Legendre nodes on a piece of it.
 
-    near: distance of the piece from the aperture, width: its width, both over the aperture. One
-    node: a quarter of the width (the centroid may lie there) times the steepest slope. More: the
+    near: distance of the piece from the aperture, width: its width, both over the aperture;
+    most: largest K. One node: a quarter of the width (the centroid may lie there) times the
+    steepest slope. More: the
     remainder with the second derivative of the density, 24/width^2, and that of order 2n - 2 of
     exp(-K s^2), where it is largest for any K; 1 + z/3n keeps it in bounds where it is no longer
     small.
     """
     if nodes == 1:
-        s = max(near, 1.0 / sqrt(2.0 * MOST_PASSAGE))
-        k = min(MOST_PASSAGE, 1.0 / (s * s))
+        s = max(near, 1.0 / sqrt(2.0 * most))
+        k = min(most, 1.0 / (s * s))
         return 0.25 * width * 2.0 * k * s * exp(-k * s * s)
     factor = 0.25  # n!^3/(2n)!^2
     for n in range(1, nodes):
         factor *= (n + 1.0) / (4.0 * (2.0 * n + 1.0) * (2.0 * n + 1.0))
     order = nodes - 1.0
-    k = MOST_PASSAGE
+    k = most
     if near * near * k > 2.0 * order:
         k = 2.0 * order / (near * near)
     z = k * width * width
@@ -89,10 +93,11 @@ def quadrature_error(nodes, near, width):
 
 
 @kernel
-def piece_nodes(low, high, aperture, tolerance):
-    """Nodes that a piece of a class [m] needs for the passage through an aperture [m], 1 or more.
+def piece_nodes(low, high, aperture, most, tolerance):
+    """Nodes that a piece of a class [m] needs for an aperture or a gap [m], 1 or more.
 
-    MOST_NODES where even they leave an error above the tolerance; 1 above the aperture.
+    most: largest K. MOST_NODES where even they leave an error above the tolerance; 1 above the
+    aperture.
     """
     if low >= aperture:
         return 1
@@ -100,7 +105,7 @@ def piece_nodes(low, high, aperture, tolerance):
     width = (high - low) / aperture
     nodes = 1
     while nodes < MOST_NODES and (
-        quadrature_error(nodes, near, width) > SHARE_OF_TOLERANCE * tolerance
+        quadrature_error(nodes, near, width, most) > SHARE_OF_TOLERANCE * tolerance
     ):
         nodes += 1
     return nodes
@@ -126,7 +131,7 @@ def _kink_nodes(low, high, edge, aperture, parameter):
             return 2
         least = 2
         if high <= finest:
-            return max(least, piece_nodes(low, high, finest, tolerance))
+            return max(least, piece_nodes(low, high, finest, MOST_PERCOLATION, tolerance))
         scale, coefficient, power = high, GAP_KINK, 0.25
     elif model == CLASSIFIED or model == PROPORTIONAL:
         if low < aperture:
@@ -151,7 +156,7 @@ def _piece_count(low, high, whole, edge, aperture, parameter):
     # One node cannot hold what a class has on either side of an aperture.
     nodes = 1 if whole else 2
     for k in range(aperture.size):
-        nodes = max(nodes, piece_nodes(low, high, aperture[k], parameter[TOLERANCE]))
+        nodes = max(nodes, piece_nodes(low, high, aperture[k], MOST_PASSAGE, parameter[TOLERANCE]))
     return max(nodes, _kink_nodes(low, high, edge, aperture[aperture.size - 1], parameter))
 
 
