@@ -312,11 +312,9 @@ VARIATIONS = {
 
 def recovery_at(name: str, tolerance: float) -> np.ndarray:
     """With the same nodes at every tolerance: the error of the integration alone."""
-    classes = dataclasses.replace(DEFAULT.size_classes, subdivision=4)
-    config = dataclasses.replace(
-        DEFAULT, size_classes=classes, **VARIATIONS[name], solver=Solver(tolerance)
-    )
-    return Screen(config).solve_steady().recovery
+    screen = Screen(dataclasses.replace(DEFAULT, **VARIATIONS[name]))
+    screen.view("parameter")[TOLERANCE] = tolerance
+    return screen.solve_steady().recovery
 
 
 @pytest.mark.parametrize("name", VARIATIONS)
