@@ -23,7 +23,7 @@ width h a (by 40 nodes), beside the estimate `quadrature_error`:
     0.9  0.1   2.0e-2 (2e-2)     6.1e-4 (6e-4)     6.8e-10 (9e-10)
 
 One node leaves the centroid of a class free, so it is good only for narrow classes at loose
-tolerances. Smooth feeds lie 10 to 100 times below these figures.
+tolerances.
 """
 
 from __future__ import annotations
