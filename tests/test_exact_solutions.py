@@ -29,6 +29,7 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
+from vibroscreen.kernels.layout import TOLERANCE
 from vibroscreen.size_classes import SizeClasses
 
 RHO, WIDTH, LENGTH, APERTURE, OPEN_AREA = 1600.0, 2.0, 5.0, 0.016, 0.5
@@ -310,8 +311,10 @@ VARIATIONS = {
 
 
 def recovery_at(name: str, tolerance: float) -> np.ndarray:
-    config = dataclasses.replace(DEFAULT, **VARIATIONS[name], solver=Solver(tolerance))
-    return Screen(config).solve_steady().recovery
+    """With the same nodes at every tolerance: the error of the integration alone."""
+    screen = Screen(dataclasses.replace(DEFAULT, **VARIATIONS[name]))
+    screen.view("parameter")[TOLERANCE] = tolerance
+    return screen.solve_steady().recovery
 
 
 @pytest.mark.parametrize("name", VARIATIONS)
@@ -322,15 +325,34 @@ def test_recovery_converges_with_the_tolerance(name: str) -> None:
         assert error <= tolerance, f"error {error:.2e} at tolerance {tolerance:g}"
 
 
-@pytest.mark.parametrize("model", ["well_mixed", "proportional", "exchange", "classified"])
-def test_engine_choice_of_nodes_on_the_default_screen(model: str) -> None:
-    """Recoveries with the engine's nodes against those with 32 nodes a class."""
+def geometric(factor: float) -> tuple[float, ...]:
+    """Limits of classes [m] from 0 to 75 mm, each `factor` times the one below, from 0.7 mm on."""
+    count = round(np.log(75.0 / 0.7) / np.log(factor))
+    return (0.0, *(0.075 * factor ** -np.arange(count, -1, -1.0)))
 
-    def recovery(subdivision: int) -> np.ndarray:
-        classes = dataclasses.replace(DEFAULT.size_classes, subdivision=subdivision)
-        config = DEFAULT.replace(
-            size_classes=classes, segregation=Segregation(model), solver=Solver(1e-6)
+
+CLASSES = {
+    "default": DEFAULT.size_classes.edges,
+    "20 classes": (0.0, *np.geomspace(0.0007, 0.075, 20)),
+    "factor 2": geometric(2.0),
+    "factor 4": geometric(4.0),
+}
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("classes", CLASSES)
+def test_engine_choice_of_nodes(classes: str, model: str, tolerance: float) -> None:
+    """Recoveries with the nodes chosen for a tolerance against those with 32 nodes a piece."""
+    edges = CLASSES[classes]
+
+    def recovery(screen_classes: SizeClasses, nodes_for: float) -> np.ndarray:
+        config = ScreenConfig(
+            screen_classes, segregation=Segregation(model), solver=Solver(nodes_for)
         )
-        return Screen(config).solve_steady().recovery
+        screen = Screen(config)
+        screen.view("parameter")[TOLERANCE] = 1e-8  # of the solver, after the nodes are chosen
+        return screen.solve_steady().recovery
 
-    assert abs(recovery(0) - recovery(32)).max() < 1e-4
+    error = abs(recovery(SizeClasses(edges), tolerance) - recovery(SizeClasses(edges, 32), 1e-8))
+    assert error.max() < tolerance

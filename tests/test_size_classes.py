@@ -12,15 +12,23 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from vibroscreen import size_classes
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels.classes import cumulative_slopes, merge_classes, split_classes
+from vibroscreen.kernels.classes import (
+    MOST_NODES,
+    cumulative_slopes,
+    merge_classes,
+    most_nodes,
+    piece_nodes,
+    split_classes,
+)
+from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
 from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.units import MM
 
 Array = NDArray[np.float64]
 APERTURE = 16.0 * MM
+TOLERANCE = 1e-4
 
 
 def split(classes: SizeClasses, fraction: Array, nodes: Nodes) -> Array:
@@ -68,7 +76,7 @@ def test_split_keeps_the_mass_of_every_class_and_is_never_negative(
     analysis: tuple[SizeClasses, Array, list[float]],
 ) -> None:
     classes, fraction, apertures = analysis
-    nodes = classes.nodes(apertures)
+    nodes = classes.nodes(apertures, TOLERANCE)
     node_fraction = split(classes, fraction, nodes)
     assert (node_fraction >= 0.0).all()
     assert merge(classes, node_fraction, nodes) == pytest.approx(fraction, rel=1e-14, abs=0.0)
@@ -81,7 +89,7 @@ def test_nodes_are_ascending_inside_their_class_and_weights_sum_to_one(
     analysis: tuple[SizeClasses, Array, list[float]],
 ) -> None:
     classes, _, apertures = analysis
-    nodes = classes.nodes(apertures)
+    nodes = classes.nodes(apertures, TOLERANCE)
     assert (np.diff(nodes.size) > 0.0).all()
     assert (nodes.size >= classes.lower[nodes.class_index]).all()
     assert (nodes.size <= classes.upper[nodes.class_index]).all()
@@ -108,7 +116,7 @@ def test_density_is_the_derivative_of_the_reference_interpolant() -> None:
     config = ScreenConfig.default()
     classes = SizeClasses(config.size_classes.edges, 5)
     fraction = np.array(config.feed.mass_fraction)
-    nodes = classes.nodes([APERTURE])
+    nodes = classes.nodes([APERTURE], TOLERANCE)
     width = (classes.upper - classes.lower)[nodes.class_index]
     density = split(classes, fraction, nodes) / (nodes.weight * width)
     expected = cumulative(np.array(classes.edges), fraction).derivative()(nodes.size)
@@ -126,7 +134,7 @@ def test_class_without_density_at_its_nodes_is_spread_by_weight() -> None:
 
 def test_one_node_a_class_is_the_arithmetic_mean_with_all_of_its_mass() -> None:
     classes = SizeClasses((0.0, 2.0 * MM, 8.0 * MM, 63.0 * MM), subdivision=1)
-    nodes = classes.nodes([4.0 * MM])
+    nodes = classes.nodes([4.0 * MM], TOLERANCE)
     fraction = np.array([0.2, 0.5, 0.3])
     assert nodes.size == pytest.approx(classes.mean, rel=1e-15)
     assert split(classes, fraction, nodes).tolist() == fraction.tolist()
@@ -134,83 +142,142 @@ def test_one_node_a_class_is_the_arithmetic_mean_with_all_of_its_mass() -> None:
 
 def test_classes_break_at_every_aperture_inside_them() -> None:
     classes = SizeClasses((0.0, 4.0 * MM, 20.0 * MM, 63.0 * MM), subdivision=3)
-    nodes = classes.nodes([8.0 * MM, 16.0 * MM, 8.0 * MM, 4.0 * MM])
+    nodes = classes.nodes([8.0 * MM, 16.0 * MM, 8.0 * MM, 4.0 * MM], TOLERANCE)
     assert np.bincount(nodes.class_index).tolist() == [3, 9, 3]
     pieces = np.searchsorted([4.0 * MM, 8.0 * MM, 16.0 * MM, 20.0 * MM], nodes.size)
     assert np.bincount(pieces).tolist() == [3, 3, 3, 3, 3]
 
 
-def test_engine_chooses_few_nodes_where_nothing_passes() -> None:
-    classes = SizeClasses((0.0, 4.0 * MM, 20.0 * MM, 63.0 * MM))
-    below, above = size_classes.NODES_BELOW, size_classes.NODES_ABOVE
-    inside = classes.nodes([16.0 * MM])
-    assert np.bincount(inside.class_index).tolist() == [below, below + above, above]
-    at_limit = classes.nodes([20.0 * MM])
-    assert np.bincount(at_limit.class_index).tolist() == [below, below, above]
-    assert at_limit.size[-above:].mean() == pytest.approx(41.5 * MM)
+def test_engine_needs_no_more_than_mass_and_mean_where_nothing_passes() -> None:
+    edges = np.array([0.0, 4.0, 20.0, 63.0]) * MM
+    classes = SizeClasses(tuple(edges))
+    for model, least in ((WELL_MIXED, 1), (CLASSIFIED, 1), (PROPORTIONAL, 1), (EXCHANGE, 2)):
+        nodes = classes.nodes([APERTURE], TOLERANCE, model, 1.0 * MM)
+        assert (nodes.class_index == 2).sum() == least
+        # the other side of an aperture has its own mass
+        assert ((nodes.class_index == 1) & (nodes.size > APERTURE)).sum() == 2
+    fraction = np.array([0.2, 0.5, 0.3])
+    density = cumulative(edges, fraction).derivative()
+    moment = quad(lambda d: d * float(density(d)), edges[2], edges[3])[0]
+    nodes = classes.nodes([APERTURE], TOLERANCE, EXCHANGE, 1.0 * MM)
+    held = split(classes, fraction, nodes)
+    coarse = nodes.class_index == 2
+    assert (held * nodes.size)[coarse].sum() == pytest.approx(moment, rel=1e-12)
+
+
+@given(
+    low=st.floats(0.0, 0.999),
+    width=st.floats(1e-4, 1.0),
+    tolerance=st.sampled_from([1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
+)
+@settings(deadline=None)
+def test_nodes_of_a_piece_grow_with_its_width_and_the_wanted_accuracy(
+    low: float, width: float, tolerance: float
+) -> None:
+    nodes = piece_nodes(low, low + width, 1.0, 500.0, tolerance)
+    assert 1 <= nodes <= MOST_NODES
+    assert piece_nodes(low, low + 0.5 * width, 1.0, 500.0, tolerance) <= nodes
+    assert piece_nodes(low, low + width, 1.0, 500.0, 0.1 * tolerance) >= nodes
+    assert piece_nodes(low + 1.0, low + 1.0 + width, 1.0, 500.0, tolerance) == 1
+
+
+@given(analyses(), st.sampled_from([WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED]))
+@settings(deadline=None)
+def test_nodes_fit_into_their_room(
+    analysis: tuple[SizeClasses, Array, list[float]], model: int
+) -> None:
+    classes, _, apertures = analysis
+    nodes = classes.nodes(apertures, 1e-9, model)
+    assert nodes.count <= most_nodes(classes.count, len(apertures), float(classes.subdivision))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 16, 100])
+def test_nodes_are_those_of_gauss_and_legendre(count: int) -> None:
+    nodes = SizeClasses((0.0, 2.0), count).nodes([2.0], TOLERANCE)
+    abscissa, weight = np.polynomial.legendre.leggauss(count)
+    assert nodes.size == pytest.approx(1.0 + abscissa, abs=1e-15)
+    assert nodes.weight == pytest.approx(0.5 * weight, rel=1e-11)
 
 
 def test_what_can_pass_keeps_its_mass_in_a_class_that_holds_the_aperture() -> None:
     edges = np.array([0.0, 2.0, 4.0, 8.0, 20.0, 63.0]) * MM
     fraction = np.array([0.15, 0.10, 0.15, 0.40, 0.20])
     classes = SizeClasses(tuple(edges))
-    nodes = classes.nodes([APERTURE])
+    nodes = classes.nodes([APERTURE], TOLERANCE)
     passing = split(classes, fraction, nodes)[nodes.size < APERTURE].sum()
     assert passing == pytest.approx(float(cumulative(edges, fraction)(APERTURE)), rel=1e-13)
 
 
-def class_error(subdivision: int, passage: float | None) -> float:
-    """Largest error of a class mean of (1 - d/a)^2, or of the recovery 1 - exp(-K (1 - d/a)^2).
+def class_error(
+    classes: SizeClasses, fraction: Array, aperture: float, passage: float, nodes: Nodes
+) -> float:
+    """Largest error of a class's recovery 1 - exp(-K (1 - d/a)^2), K = passage.
 
-    On the default screen, against adaptive quadrature over the same density.
+    Against adaptive quadrature of the same density, with scipy's interpolant.
     """
 
-    def quantity(size: Array | float) -> Array:
-        gaudin = np.maximum(0.0, 1.0 - np.asarray(size) / APERTURE) ** 2
-        return gaudin if passage is None else -np.expm1(-passage * gaudin)
+    def recovery(size: Array | float) -> Array:
+        free = np.maximum(0.0, 1.0 - np.asarray(size) / aperture)
+        return -np.expm1(-passage * free * free)
 
-    config = ScreenConfig.default()
-    classes = SizeClasses(config.size_classes.edges, subdivision)
-    fraction = np.array(config.feed.mass_fraction)
-    nodes = classes.nodes([APERTURE])
-    found = merge(classes, split(classes, fraction, nodes) * quantity(nodes.size), nodes)
-    density = cumulative(np.array(classes.edges), fraction).derivative()
-    exact = [
-        quad(lambda d: float(density(d) * quantity(d)), low, high, epsabs=1e-13, limit=200)[0]
-        for low, high in zip(classes.lower, classes.upper, strict=True)
-    ]
-    return float(np.abs((found - exact) / fraction).max())
+    found = merge(classes, split(classes, fraction, nodes) * recovery(nodes.size), nodes)
+    scale = classes.upper[-1]
+    density = cumulative(np.array(classes.edges) / scale, fraction).derivative()
+    worst = 0.0
+    for k in np.flatnonzero(fraction > 1e-3):
+        low, high = classes.lower[k], classes.upper[k]
+        points = [aperture / scale] if low < aperture < high else None
+        exact, _ = quad(
+            lambda x: float(density(x) * recovery(x * scale)),
+            low / scale,
+            high / scale,
+            points=points,
+            epsabs=1e-12,
+            epsrel=1e-12,
+            limit=200,
+        )
+        worst = max(worst, abs(found[k] - exact) / fraction[k])
+    return worst
 
 
-# Measured once and rounded up; the choice of NODES_BELOW rests on these.
-@pytest.mark.parametrize(
-    ("subdivision", "single_pass", "recovery_15", "recovery_30", "recovery_50"),
-    [
-        (1, 1.0e-2, 5.0e-2, 1.0e-2, 2.0e-1),
-        (2, 6.0e-5, 4.0e-4, 7.0e-3, 2.5e-2),
-        (3, 1.0e-11, 2.0e-5, 6.0e-4, 2.0e-3),
-        (4, 1.0e-11, 7.0e-7, 3.0e-5, 1.0e-4),
-        (6, 1.0e-11, 1.0e-9, 2.0e-8, 1.0e-7),
-        (0, 1.0e-11, 7.0e-7, 3.0e-5, 1.0e-4),
-    ],
+@st.composite
+def measured_classes(draw: st.DrawFn) -> tuple[SizeClasses, Array]:
+    """Classes from a factor 1.1 to a factor 4 and any fractions."""
+    count = draw(st.integers(2, 12))
+    factor = draw(st.lists(st.floats(1.1, 4.0), min_size=count, max_size=count))
+    edges = 100.0 * MM / np.concatenate([[1.0], np.cumprod(factor)])[::-1]
+    edges = edges if draw(st.booleans()) else np.concatenate([[0.0], edges])
+    share = st.one_of(st.just(0.0), st.floats(0.01, 1.0))
+    masses = np.array(draw(st.lists(share, min_size=edges.size - 1, max_size=edges.size - 1)))
+    masses[draw(st.integers(0, masses.size - 1))] += 0.1
+    return SizeClasses(tuple(edges)), masses / masses.sum()
+
+
+@given(
+    measured_classes(),
+    st.floats(2.0 * MM, 120.0 * MM),
+    st.floats(0.5, 50.0),
+    st.sampled_from([1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
 )
-def test_quadrature_error_of_a_class(
-    subdivision: int,
-    single_pass: float,
-    recovery_15: float,
-    recovery_30: float,
-    recovery_50: float,
+@settings(max_examples=200, deadline=None)
+def test_error_of_a_class_stays_below_the_tolerance(
+    analysis: tuple[SizeClasses, Array], aperture: float, passage: float, tolerance: float
 ) -> None:
-    assert class_error(subdivision, None) < single_pass
-    assert class_error(subdivision, 15.0) < recovery_15
-    assert class_error(subdivision, 30.0) < recovery_30
-    assert class_error(subdivision, 50.0) < recovery_50
+    classes, fraction = analysis
+    nodes = classes.nodes([aperture], tolerance, WELL_MIXED)
+    assert class_error(classes, fraction, aperture, passage, nodes) < tolerance
 
 
-def test_engine_choice_meets_the_default_tolerance_and_one_node_less_does_not() -> None:
-    tolerance = ScreenConfig.default().solver.tolerance
-    assert class_error(size_classes.NODES_BELOW, 50.0) < tolerance
-    assert class_error(size_classes.NODES_BELOW - 1, 50.0) > tolerance
+@given(measured_classes(), st.floats(5.0 * MM, 60.0 * MM), st.floats(0.5, 50.0))
+@settings(max_examples=50, deadline=None)
+def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
+    analysis: tuple[SizeClasses, Array], aperture: float, passage: float
+) -> None:
+    classes, fraction = analysis
+    apertures = [aperture, 2.0 * aperture]
+    nodes = classes.nodes(apertures, TOLERANCE, WELL_MIXED)
+    for one in apertures:
+        assert class_error(classes, fraction, one, passage, nodes) < TOLERANCE
 
 
 @pytest.mark.parametrize(

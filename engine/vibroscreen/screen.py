@@ -146,7 +146,7 @@ class Screen:
         if not is_ready(run):
             _LOG.warning("vibroscreen compiles its kernels, once a version: about a minute")
         self.config = config
-        self.nodes = config.size_classes.nodes(config.apertures)
+        self.nodes = nodes_of(config)
         self.layout = _layout(config, self.nodes, packages=True)
         self.buffer = self.layout.buffer()
         fill(self.layout, self.buffer, config, self.nodes)
@@ -313,6 +313,17 @@ class Screen:
         for part in ("parameters", "inputs"):
             buffer[layout.section[part]] = self.buffer[self.layout.section[part]]
         return layout, buffer
+
+
+def nodes_of(config: ScreenConfig) -> Nodes:
+    """Sizes that stand for the classes of a configuration."""
+    segregation = config.segregation
+    return config.size_classes.nodes(
+        config.apertures,
+        config.solver.tolerance,
+        registry.model("segregation", segregation.model).number,
+        segregation.dilation,
+    )
 
 
 def check_supported(config: ScreenConfig) -> None:

@@ -17,7 +17,7 @@ from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
 from vibroscreen.kernels.layout import DIMENSION, INPUT, OUTPUT, PANEL, PARAMETER, Layout
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
-from vibroscreen.screen import VARIABLE, fill
+from vibroscreen.screen import VARIABLE, fill, nodes_of
 from vibroscreen.units import DEG, KW, MM, RPM, T_H, T_M3, TONNE
 
 __all__ = ["ENUMERATIONS", "UNITS", "Enumeration", "Port", "Unit", "ports"]
@@ -298,7 +298,7 @@ class _Row:
 
 def ports(config: ScreenConfig) -> tuple[Port, ...]:
     """The FMI variables of a screen in the order of their value references."""
-    nodes = config.size_classes.nodes(config.apertures)
+    nodes = nodes_of(config)
     # Room for the state does not matter here: it lies behind the variables.
     given = {
         "classes": config.size_classes.count,
