@@ -797,8 +797,6 @@ class ClosedColumn:
     """A closed column of `layers` layers in the engine."""
 
     def __init__(self, scene: ColumnScene, layers: int, tolerance: float) -> None:
-        name = scene.law.__name__
-        register("segregation", name, scene.law, layered=True)
         self.scene, self.layers = scene, layers
         config = plain_deck(
             (0.0, FINE, 2.0 * FINE),
@@ -808,7 +806,7 @@ class ClosedColumn:
             0.0,
         )
         self.config = config.replace(
-            segregation=Segregation(name, velocity=PACE),
+            segregation=Segregation(scene.law.__name__, velocity=PACE),
             bed=Bed(contact_depth=COLUMN_DEPTH / layers, layers=layers),
             solver=Solver(tolerance),
         )
@@ -836,7 +834,7 @@ class ClosedColumn:
     def load(self) -> Array:
         """Loads that our run left, [layer, node]."""
         layout, buffer = slice_of(self.screen)
-        return layout.view(buffer, "lead")[0]
+        return layout.view(buffer, "lead")[0].copy()
 
     def error(self, load: Array) -> float:
         """Mean difference of the fine fraction from the exact one over the depth (L1)."""
@@ -852,6 +850,7 @@ class ClosedColumn:
 
 def scene_c(scene: ColumnScene, effort: Effort, tick: Callable[[], None]) -> Row:
     """Layers refined. Of a closed column the fixed cells are the column march."""
+    register("segregation", scene.law.__name__, scene.law, layered=True)
     found: dict[str, list[Row]] = {"ours": [], "march": []}
     for layers in effort.layers:
         tight = ClosedColumn(scene, layers, 1e-6)
