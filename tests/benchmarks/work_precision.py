@@ -302,11 +302,14 @@ class Pilot:
 
 
 class March:
-    """Column marches of a case on given sub-classes."""
+    """Column marches of a case on given sub-classes, of order 1 (Euler) or 2 (Heun)."""
 
-    def __init__(self, case: Case, subs: Sequence[SubClasses], reference: list[Array]) -> None:
-        self.marches = [ColumnMarch(p, s) for p, s in zip(case.problems, subs, strict=True)]
-        self.reference = reference
+    def __init__(
+        self, case: Case, subs: Sequence[SubClasses], reference: list[Array], order: int = 1
+    ) -> None:
+        pairs = zip(case.problems, subs, strict=True)
+        self.marches = [ColumnMarch(problem, sub, order) for problem, sub in pairs]
+        self.reference, self.order = reference, order
 
     def run(self, steps: int) -> None:
         """All of them, in that many steps each."""
@@ -319,8 +322,13 @@ class March:
         pairs = zip(self.marches, self.reference, strict=True)
         return np.concatenate([one.recovery - r for one, r in pairs])
 
-    def pilot(self, slices: int) -> Pilot:
-        """Two runs of first order."""
+    def pilot(self, slices: int, time_converged: Array | None = None) -> Pilot:
+        """Two runs of first order; one of second, and the limit that those found."""
+        if time_converged is not None:
+            steps = 128
+            slope = (self.differences(steps) - time_converged) * steps**self.order
+            pace = median_seconds(lambda: self.run(steps), 3) / steps
+            return Pilot(slices, time_converged, slope, self.order, pace, 1.0)
         steps = 1024
         while True:
             with np.errstate(all="ignore"):
@@ -479,39 +487,69 @@ def quarry_screen() -> ScreenConfig:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Yardsticks:
+    """The baselines of a case with their pilots: march (A), heun, cells (B), on the same nodes."""
+
+    march: dict[int, March]
+    march_pilots: list[Pilot]
+    heun: dict[int, March]
+    heun_pilots: list[Pilot]
+    cells: dict[tuple[float, int], Cells]
+    cell_pilots: dict[tuple[float, int], Pilot]
+    same: dict[str, tuple[March, Pilot]]
+
+    @classmethod
+    def of(cls, case: Case, on_nodes: list[Array], nodes: list[SubClasses]) -> Yardsticks:
+        """Pilot runs of all of them."""
+        slices, truth = case.effort.slices, case.reference
+        march = {k: March(case, case.slices(k), truth) for k in slices}
+        pilots = [march[k].pilot(k) for k in slices]
+        heun = {k: March(case, case.slices(k), truth, 2) for k in slices}
+        heun_pilots = [heun[p.slices].pilot(p.slices, p.limit) for p in pilots]
+        cells = {
+            (courant, k): Cells(case, case.slices(k), truth, courant)
+            for courant in (1.0, 0.5)
+            for k in slices
+        }
+        limit = {p.slices: p.limit for p in pilots}
+        cell_pilots = {key: one.pilot(key[1], limit[key[1]]) for key, one in cells.items()}
+        euler, second = (March(case, nodes, on_nodes, order) for order in (1, 2))
+        euler_pilot = euler.pilot(0)
+        same = {
+            "same_march": (euler, euler_pilot),
+            "same_heun": (second, second.pilot(0, np.zeros_like(euler_pilot.limit))),
+        }
+        return cls(march, pilots, heun, heun_pilots, cells, cell_pilots, same)
+
+
 def compare(case: Case, tick: Callable[[], None]) -> Row:
     """Rows of all solvers, and each at its cheapest setting for every level."""
     effort = case.effort
     total = ours(case, effort.subdivisions, case.reference, tick)
-    marches = {k: March(case, case.slices(k), case.reference) for k in effort.slices}
-    march_pilots = [marches[k].pilot(k) for k in effort.slices]
-    tick()
-    cells, cell_pilots = {}, {}
-    for courant in (1.0, 0.5):
-        for pilot in march_pilots:
-            key = (courant, pilot.slices)
-            cells[key] = Cells(case, case.slices(pilot.slices), case.reference, courant)
-            cell_pilots[key] = cells[key].pilot(pilot.slices, pilot.limit)
-    tick()
     on_nodes, nodes = case.on_nodes(0)
     same = ours(case, (0,), on_nodes, tick)
-    same_march = March(case, nodes, on_nodes)
-    same_pilot = same_march.pilot(0)
+    sticks = Yardsticks.of(case, on_nodes, nodes)
+    tick()
+    first_order = {key: p for key, p in sticks.cell_pilots.items() if key[0] == 1.0}
     levels = []
     for level in effort.levels:
         row: Row = {
             "level": level,
             "ours": cheapest(total, level),
             "same_ours": cheapest(same, level),
+            "march": march_at(sticks.march_pilots, sticks.march, level),
+            "heun": march_at(sticks.heun_pilots, sticks.heun, level),
+            "cells": cells_at(sticks.cell_pilots, sticks.cells, level),
+            "cells_one": cells_at(first_order, sticks.cells, level),
         }
-        row["march"] = march_at(march_pilots, marches, level)
+        for name, (one, pilot) in sticks.same.items():
+            row[name] = march_at([pilot], {0: one}, level)
         tick()
-        row["cells"] = cells_at(cell_pilots, cells, level)
-        row["same_march"] = march_at([same_pilot], {0: same_march}, level)
-        level_times(case, row, marches, cells, same_march)
+        level_times(case, row, sticks)
         levels.append(row)
         tick()
-    finest = march_pilots[-1]
+    finest = sticks.march_pilots[-1]
     return {
         "title": case.title,
         "reference": [r.tolist() for r in case.reference],
@@ -519,7 +557,7 @@ def compare(case: Case, tick: Callable[[], None]) -> Row:
         "march_limit_slices": finest.slices,
         "ours": total,
         "ours_same_nodes": same,
-        "march": [pilot_row(p) for p in march_pilots],
+        "march": [pilot_row(p) for p in sticks.march_pilots],
         "levels": levels,
     }
 
@@ -530,13 +568,18 @@ def pilot_row(pilot: Pilot) -> Row:
     return {"slices": pilot.slices, "error_of_slices": stays, "seconds_per_step": pilot.pace}
 
 
-def level_times(
-    case: Case,
-    row: Row,
-    marches: dict[int, March],
-    cells: dict[tuple[float, int], Cells],
-    same_march: March,
-) -> None:
+# Ratio: ours, over which baseline.
+RATIO = {
+    "march": ("ours", "march"),
+    "cells": ("ours", "cells"),
+    "same": ("same_ours", "same_march"),
+    "cells_one": ("ours", "cells_one"),
+    "heun": ("ours", "heun"),
+    "same_heun": ("same_ours", "same_heun"),
+}
+
+
+def level_times(case: Case, row: Row, sticks: Yardsticks) -> None:
     """Time the settings of a level anew, all in turns; writes the times and ratios into the row."""
     level = row["level"]
     actions: dict[tuple[str, str], Callable[[], object]] = {}
@@ -546,15 +589,21 @@ def level_times(
             engines = case.engines(row[name]["tolerance"], row[name]["subdivision"])
             actions[name, "seconds"] = each([e.solve for e in engines])
             actions[name, "bare_seconds"] = each([e.bare for e in engines])
-    march, same, cell = row["march"], row["same_march"], row["cells"]
-    if "steps" in march and not march["extrapolated"]:
-        one = marches[march["slices"]]
-        actions["march", "seconds"] = functools.partial(one.run, march["steps"])
-    if "steps" in same and not same["extrapolated"]:
-        actions["same_march", "seconds"] = functools.partial(same_march.run, same["steps"])
-    slow = {}
-    if "columns" in cell and not cell["extrapolated"]:
-        many = cells[cell["courant"], cell["slices"]]
+
+    def measured(name: str) -> bool:
+        return not row[name]["extrapolated"] and math.isfinite(row[name]["seconds"])
+
+    for name, marches in (("march", sticks.march), ("heun", sticks.heun)):
+        if measured(name):
+            one = marches[row[name]["slices"]]
+            actions[name, "seconds"] = functools.partial(one.run, row[name]["steps"])
+    for name, (one, _) in sticks.same.items():
+        if measured(name):
+            actions[name, "seconds"] = functools.partial(one.run, row[name]["steps"])
+    slow: dict[tuple[str, str], Callable[[], object]] = {}
+    if measured("cells"):
+        cell = row["cells"]
+        many = sticks.cells[cell["courant"], cell["slices"]]
         many.build(cell["columns"])
         slow["cells", "seconds"] = functools.partial(many.run, level)
     for group in (actions, slow):
@@ -562,16 +611,11 @@ def level_times(
             times = together(list(group.values()), case.effort.repeat)
             for (name, field), spent in zip(group, times, strict=True):
                 row[name][field] = spent
-    row["ratio"] = {}
-    for ratio, name, field, base in (
-        ("march", "ours", "seconds", march),
-        ("cells", "ours", "seconds", cell),
-        ("same", "same_ours", "seconds", same),
-        ("march_bare", "ours", "bare_seconds", march),
-        ("cells_bare", "ours", "bare_seconds", cell),
-        ("same_bare", "same_ours", "bare_seconds", same),
-    ):
-        row["ratio"][ratio] = row[name][field] / base["seconds"] if row[name] else math.inf
+    row["ratio"], row["ratio_bare"] = {}, {}
+    for name, (mine, base) in RATIO.items():
+        for field, ratios in (("seconds", "ratio"), ("bare_seconds", "ratio_bare")):
+            reached = row[mine] is not None and math.isfinite(row[base]["seconds"])
+            row[ratios][name] = row[mine][field] / row[base]["seconds"] if reached else math.inf
 
 
 def scene_d(effort: Effort, tick: Callable[[], None]) -> Row:
@@ -633,14 +677,16 @@ def scene_a(effort: Effort, tick: Callable[[], None]) -> Row:
             {"tolerance": tolerance, "error": error, "seconds": spent, "bare_seconds": bare}
         )
     tick()
-    march, marches = ColumnMarch(problem, sub), []
-    for steps in effort.steps:
-        spent = median_seconds(lambda n=steps: march.run(n), effort.repeat, 0.5)
-        error = largest([march.recovery - truth])
-        marches.append({"steps": steps, "error": error, "seconds": spent})
+    found: dict[str, list[Row]] = {"ours": rows, "march": [], "heun": []}
+    for name, order in (("march", 1), ("heun", 2)):
+        march = ColumnMarch(problem, sub, order)
+        for steps in effort.steps:
+            spent = median_seconds(lambda n=steps, m=march: m.run(n), effort.repeat, 0.5)
+            error = largest([march.recovery - truth])
+            found[name].append({"steps": steps, "error": error, "seconds": spent})
     tick()
     cells = cell_rows(problem, sub, effort, lambda deck: largest([deck.recovery - truth]))
-    return {"title": "a  well mixed, exact", "ours": rows, "march": marches, **cells}
+    return {"title": "a  well mixed, exact", **found, **cells}
 
 
 def cell_rows(
@@ -695,7 +741,10 @@ def scene_b(effort: Effort, tick: Callable[[], None]) -> Row:
             march.run(steps)
             return error(march.recovery)
 
-        steps, off = coarsest(march_error, 64, enough)
+        steps = 64
+        while march_error(steps) > enough:
+            steps *= 2
+        steps, off = coarsest(march_error, steps, enough)
         spent = median_seconds(lambda n=steps, m=march: m.run(n), effort.repeat, 1.0)
         found["march"].append(mark | {"steps": steps, "error": off, "seconds": spent})
         # With a CFL number of 1 the cells' steady state is that march.
@@ -873,7 +922,7 @@ def scene_c(scene: ColumnScene, effort: Effort, tick: Callable[[], None]) -> Row
         row = {"layers": layers, "steps": steps, "error": error, "seconds": spent}
         found["march"].append(row)
         tick()
-    return {"title": scene.title, **found}
+    return {"title": scene.title, "engine_only": True, **found}
 
 
 # --- scene (f): transients ----------------------------------------------------------------------
@@ -977,7 +1026,8 @@ def scene_f(change: Change, effort: Effort, tick: Callable[[], None]) -> Row:
 LOOK = {
     "ours": ("ours, solve", "o-", "#1b5e9b"),
     "ours_bare": ("ours, bare engine", "o--", "#74a9d8"),
-    "march": ("(A) column march", "s-", "#c2571a"),
+    "march": ("(A) column march, Euler", "s-", "#c2571a"),
+    "heun": ("column march, Heun", "p--", "#e0a030"),
     "cells": ("(B) fixed cells, CFL 1", "^-", "#3d7a3d"),
     "cells_half": ("(B) fixed cells, CFL 1/2", "v--", "#8fbf6f"),
     "cells_best": ("(B) fixed cells, cheaper CFL", "D-", "#3d7a3d"),
@@ -996,18 +1046,19 @@ def front(rows: Sequence[Row], field: str = "seconds") -> list[tuple[float, floa
 def curves(scene: Row) -> Iterator[tuple[str, list[tuple[float, float]], list[bool]]]:
     """Name, points (time, error) and whether each is extrapolated, of every solver of a scene."""
     if "levels" in scene:
-        for name in ("march", "cells"):
+        for name in ("march", "heun", "cells", "cells_one"):
             rows = [row[name] for row in scene["levels"] if math.isfinite(row[name]["seconds"])]
             points = [(r["seconds"], r["error"]) for r in rows]
-            name = "cells_best" if name == "cells" else name
+            name = {"cells": "cells_best", "cells_one": "cells"}.get(name, name)
             yield name, points, [r["extrapolated"] for r in rows]
         yield "ours", (one := front(scene["ours"])), [False] * len(one)
         yield "ours_bare", (one := front(scene["ours"], "bare_seconds")), [False] * len(one)
         return
-    for name in ("march", "cells", "cells_half", "ours"):
+    for name in ("march", "heun", "cells", "cells_half", "ours"):
         if name in scene:
             points = [(r["seconds"], r["error"]) for r in scene[name]]
-            yield name, points, [False] * len(points)
+            known = "ours_bare" if name == "ours" and "engine_only" in scene else name
+            yield known, points, [False] * len(points)
     if scene["ours"] and "bare_seconds" in scene["ours"][0]:
         points = [(r["bare_seconds"], r["error"]) for r in scene["ours"]]
         yield "ours_bare", points, [False] * len(points)
@@ -1077,42 +1128,40 @@ def print_scene(scene: Row) -> None:
 
 
 def print_ratios(scenes: dict[str, Row]) -> None:
-    """Times and ratios at equal total error."""
-    for scene in scenes.values():
-        if "levels" not in scene:
-            continue
-        print(f"\n{scene['title']}: time at equal error (k: nodes or slices a class)")
-        head = ("error", "ours ms", "bare ms", "setting", "(A) ms", "setting", "(B) ms", "setting")
-        print("{:<8}{:>9}{:>9}  {:<15}{:>10}  {:<16}{:>11}  {:<20}".format(*head))
+    """Times and ratios at equal error, in total and with the same sub-classes."""
+    solvers = {
+        "ours, solve_steady": ("ours", "seconds"),
+        "ours, bare engine": ("ours", "bare_seconds"),
+        "(A) column march, Euler": ("march", "seconds"),
+        "(B) cells, cheaper CFL": ("cells", "seconds"),
+        "(B) cells, CFL 1": ("cells_one", "seconds"),
+        "column march, Heun": ("heun", "seconds"),
+        "same nodes: ours": ("same_ours", "seconds"),
+        "same nodes: ours, bare": ("same_ours", "bare_seconds"),
+        "same nodes: (A)": ("same_march", "seconds"),
+        "same nodes: Heun": ("same_heun", "seconds"),
+    }
+    compared = [scene for scene in scenes.values() if "levels" in scene]
+    for scene in compared:
+        print(f"\n{scene['title']}: ms at equal error (k: nodes or slices a class, ~ extrapolated)")
+        print(f"{'':<26}" + "".join(f"{row['level']:<38.0e}" for row in scene["levels"]))
+        for label, (name, field) in solvers.items():
+            cells = (
+                f"{milliseconds(r[name], field):<10}{setting(r[name]):<28}" for r in scene["levels"]
+            )
+            print(f"{label:<26}" + "".join(cells))
+    print("\nratios of time, ours over baseline (bare engine over baseline) target")
+    names = ("over (A)", "over (B)", "(A), same nodes", "(B) at CFL 1", "Heun", "Heun, same nodes")
+    print(f"{'scene':<8}{'error':<8}" + "".join(f"{name:<26}" for name in names))
+    for scene in compared:
         for row in scene["levels"]:
-            print(
-                f"{row['level']:<8.0e}{milliseconds(row['ours']):>9}"
-                f"{milliseconds(row['ours'], 'bare_seconds'):>9}  {setting(row['ours']):<15}"
-                f"{milliseconds(row['march']):>10}  {setting(row['march']):<16}"
-                f"{milliseconds(row['cells']):>11}  {setting(row['cells']):<20}"
-            )
-        print("same sub-classes (the engine's nodes on both sides)")
-        for row in scene["levels"]:
-            print(
-                f"{row['level']:<8.0e}{milliseconds(row['same_ours']):>9}"
-                f"{milliseconds(row['same_ours'], 'bare_seconds'):>9}  "
-                f"{setting(row['same_ours']):<15}{milliseconds(row['same_march']):>10}  "
-                f"{setting(row['same_march']):<16}"
-            )
-    print(
-        "\nratios of time, ours over baseline (in brackets: the bare engine; after it: the target)"
-    )
-    print(f"{'scene':<30}{'error':<8}{'over (A)':<28}{'over (B)':<28}{'same sub-classes':<28}")
-    for scene in scenes.values():
-        for row in scene.get("levels", ()):
-            cells = []
-            for k, name in enumerate(("march", "cells", "same")):
-                ratio, bare = row["ratio"][name], row["ratio"][f"{name}_bare"]
-                wanted = part(TARGET[row["level"]][k]) if row["level"] in TARGET else "-"
-                cells.append(f"{part(ratio)} ({part(bare)})  {wanted}")
-            print(
-                f"{scene['title']:<30}{row['level']:<8.0e}{cells[0]:<28}{cells[1]:<28}{cells[2]:<28}"
-            )
+            wanted = [part(x) for x in TARGET.get(row["level"], ())] + [""] * 6
+            cells = [
+                f"{part(row['ratio'][name])} ({part(row['ratio_bare'][name])}) {goal}"
+                for name, goal in zip(RATIO, wanted, strict=False)
+            ]
+            line = "".join(f"{cell:<26}" for cell in cells)
+            print(f"{scene['title'][:2]:<8}{row['level']:<8.0e}{line}")
 
 
 def main(output: Path | None = None, *, quick: bool = False) -> dict[str, Any]:
