@@ -9,10 +9,10 @@ frequency. In (d), (e) and (f) the error is measured against a converged solutio
 give the ratios of time at equal error in (d) and (e): each solver at its cheapest setting that
 reaches the level, in total (sizes and time) and with the same sub-classes (time only).
 
-Writes work_precision.json and work_precision.png. Times are medians of processor time on this machine; those of
-baselines are of their kernels alone, ours of `solve_steady` as a user calls it and of the bare
-engine. Where a baseline would run longer than 20 s its setting and time follow from the measured
-order: `extrapolated`.
+Writes work_precision.json and work_precision.png. Times are medians of
+processor time on this machine; those of baselines are of their kernels alone, ours of `solve_steady`
+as a user calls it and of the bare engine. Where a baseline would run longer than 20 s its setting
+and time follow from the measured order: `extrapolated`.
 """
 
 from __future__ import annotations
