@@ -17,6 +17,7 @@ from vibroscreen.config import Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
+from vibroscreen.kernels.classes import set_strength
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, run
 from vibroscreen.kernels.jit import is_ready
@@ -317,13 +318,28 @@ class Screen:
 
 def nodes_of(config: ScreenConfig) -> Nodes:
     """Sizes that stand for the classes of a configuration."""
-    segregation = config.segregation
+    segregation, feed = config.segregation, config.feed.mass_flow_rate
+    reach = [sum(panel.length * panel.open_area for panel in d.panels) for d in config.decks]
+    areas = [deck.width * part for deck, part in zip(config.decks, reach, strict=True)]
+    parameter, strength = np.zeros(len(lay.PARAMETER)), np.zeros(2)
+    parameter[lay.BULK_DENSITY] = config.material.bulk_density
+    parameter[lay.CONTACT_DEPTH] = config.bed.contact_depth
+    parameter[lay.PASSAGE_VELOCITY] = passage_velocity(config)
+    parameter[lay.SEGREGATION_VELOCITY] = segregation.velocity
+    set_strength(parameter, max(areas) / feed if feed > 0.0 else 0.0, max(reach), strength)
     return config.size_classes.nodes(
         config.apertures,
         config.solver.tolerance,
         registry.model("segregation", segregation.model).number,
         segregation.dilation,
+        (float(strength[0]), float(strength[1])),
+        segregation.velocity,
     )
+
+
+def passage_velocity(config: ScreenConfig) -> float:
+    """Velocity through the openings, read at the aperture of the top deck's first panel, m/s."""
+    return config.passage.velocity_at(config.decks[0].panels[0].aperture)
 
 
 def check_supported(config: ScreenConfig) -> None:
@@ -397,11 +413,10 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
 
 def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> None:
     """Write a configuration into a buffer: parameters, duty and constants."""
-    panel = config.decks[0].panels[0]
     values = {
         **dataclasses.asdict(config.material),
         "passage_law": registry.model("passage", config.passage.law).number,
-        "passage_velocity": config.passage.velocity_at(panel.aperture),
+        "passage_velocity": passage_velocity(config),
         "segregation_model": registry.model("segregation", config.segregation.model).number,
         "segregation_velocity": config.segregation.velocity,
         "segregation_dilation": config.segregation.dilation,

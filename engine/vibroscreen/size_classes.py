@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from vibroscreen.errors import ConfigError
 from vibroscreen.fields import Number, Numbers, check_fields, number, of
-from vibroscreen.kernels.classes import build_nodes, most_nodes
+from vibroscreen.kernels.classes import (
+    LEAST_PASSAGE,
+    LEAST_PERCOLATION,
+    build_nodes,
+    most_nodes,
+)
 from vibroscreen.kernels.layout import (
     PARAMETER,
     SEGREGATION_DILATION,
     SEGREGATION_MODEL,
+    SEGREGATION_VELOCITY,
     SUBDIVISION,
     TOLERANCE,
 )
@@ -100,22 +106,34 @@ class SizeClasses:
         tolerance: float,
         segregation_model: int = EXCHANGE,
         dilation: float = 0.0,
+        strength: tuple[float, float] = (0.0, 0.0),
+        percolation_velocity: float = 0.0,
     ) -> Nodes:
         """Quadrature nodes of all classes for the given apertures [m].
 
         Where the engine chooses, as many as keep the error of a class's recovery below the
-        tolerance [1]; `exchange` needs most, its gaps follow from the dilation [m].
+        tolerance [1]; `exchange` needs most, its gaps follow from the dilation [m] and its
+        kinks from the percolation velocity [m/s]. A strong screen needs more: strength is
+        K = rho_b u phi W L/Q0 of the openings and of the gaps (kernels/classes.py).
         """
         parameter = np.zeros(len(PARAMETER))
         parameter[SUBDIVISION] = self.subdivision
         parameter[TOLERANCE] = tolerance
         parameter[SEGREGATION_MODEL] = segregation_model
         parameter[SEGREGATION_DILATION] = dilation
+        parameter[SEGREGATION_VELOCITY] = percolation_velocity
         aperture = np.sort(np.array(apertures, dtype=float))
         room = most_nodes(self.count, aperture.size, float(self.subdivision))
         size, node_class, position, weight = np.empty((4, room))
         count = build_nodes(
-            np.array(self.edges), aperture, parameter, size, node_class, position, weight
+            np.array(self.edges),
+            aperture,
+            parameter,
+            np.maximum(strength, (LEAST_PASSAGE, LEAST_PERCOLATION)),
+            size,
+            node_class,
+            position,
+            weight,
         )
         return Nodes(
             size[:count].copy(),

@@ -32,8 +32,12 @@ from math import cos, exp, sqrt
 
 from vibroscreen.kernels.jit import kernel
 from vibroscreen.kernels.layout import (
+    BULK_DENSITY,
+    CONTACT_DEPTH,
+    PASSAGE_VELOCITY,
     SEGREGATION_DILATION,
     SEGREGATION_MODEL,
+    SEGREGATION_VELOCITY,
     SUBDIVISION,
     TOLERANCE,
 )
@@ -46,20 +50,20 @@ from vibroscreen.kernels.segregation import (
 )
 
 MOST_NODES = 24  # on a piece, where the engine chooses
-# Largest K = rho_b u phi W L/Q0 that the nodes are made for. K is 15 on the default screen, 50 on
-# fast ones; a grain sees up to u phi L/(v h_c) where the bed thins out. It touches only the piece
-# next to the aperture. Percolation through the gaps is slower, their open area is small.
-MOST_PASSAGE = 500.0
-MOST_PERCOLATION = 50.0
-# What the quadrature may take of the tolerance.
-SHARE_OF_TOLERANCE = 1.0 / 3.0
+# Least K = rho_b u phi W L/Q0 that the nodes are made for, through the openings and through the
+# gaps of `exchange`, whose open area is about GAP_SHARE of that of a deck; 15 on the default screen.
+LEAST_PASSAGE, LEAST_PERCOLATION, GAP_SHARE = 50.0, 10.0, 0.4
+MOST_STRENGTH = 1e5
+THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
+# The estimate for the worst density a class can have may be this much above the tolerance: it is
+# 1 to 10 times too high, and classes next to each other are seldom that unlike.
+WORST_DENSITY = 3.0
 # Kinks that move through the classes while a slice rides: the gap of `exchange`, the coarsest
 # sorted grain of `proportional` and `classified`. Error with n nodes on a piece of width w (of the
-# gap, of the aperture) over feeds and K from 1 to 50, class factors 1.15 to 4:
-#     exchange     10 (w/n)^4 the worst of 14 scenes within a factor of three, percolation up to
-#                  0.5 m/s; 50 (w/n)^4 the default screen at 1 m/s
+# gap, of the aperture), over feeds and K from 1 to 50, class factors 1.15 to 4:
+#     exchange     50 V (w/n)^4 at a percolation velocity V m/s, from 0.1 m/s up
 #     sorted       0.1 (w/n)^2 the median, 1 (w/n)^2 the worst
-GAP_KINK = 10.0
+GAP_KINK, LEAST_KINK_VELOCITY = 50.0, 0.1
 SORTED_KINK = 0.1
 
 _PI = 3.141592653589793
@@ -105,14 +109,14 @@ def piece_nodes(low, high, aperture, most, tolerance):
     width = (high - low) / aperture
     nodes = 1
     while nodes < MOST_NODES and (
-        quadrature_error(nodes, near, width, most) > SHARE_OF_TOLERANCE * tolerance
+        quadrature_error(nodes, near, width, most) > WORST_DENSITY * tolerance
     ):
         nodes += 1
     return nodes
 
 
 @kernel
-def _kink_nodes(low, high, edge, aperture, parameter):
+def _kink_nodes(low, high, edge, aperture, parameter, strength):
     """Nodes that a piece of a class needs for the segregation model, 1 or more.
 
     Two keep the mean size, on which the gaps depend. The gap lies between those of a layer of the
@@ -131,8 +135,9 @@ def _kink_nodes(low, high, edge, aperture, parameter):
             return 2
         least = 2
         if high <= finest:
-            return max(least, piece_nodes(low, high, finest, MOST_PERCOLATION, tolerance))
-        scale, coefficient, power = high, GAP_KINK, 0.25
+            return max(least, piece_nodes(low, high, finest, strength[1], tolerance))
+        coefficient = GAP_KINK * max(LEAST_KINK_VELOCITY, parameter[SEGREGATION_VELOCITY])
+        scale, power = high, 0.25
     elif model == CLASSIFIED or model == PROPORTIONAL:
         if low < aperture:
             coefficient, power = SORTED_KINK, 0.5
@@ -149,15 +154,31 @@ def most_nodes(classes, apertures, subdivision):
 
 
 @kernel
-def _piece_count(low, high, whole, edge, aperture, parameter):
+def _piece_count(low, high, whole, edge, aperture, parameter, strength):
     """Nodes on a piece of a class; `whole` where the piece is the class."""
     if parameter[SUBDIVISION] >= 1.0:
         return int(parameter[SUBDIVISION])
     # One node cannot hold what a class has on either side of an aperture.
     nodes = 1 if whole else 2
     for k in range(aperture.size):
-        nodes = max(nodes, piece_nodes(low, high, aperture[k], MOST_PASSAGE, parameter[TOLERANCE]))
-    return max(nodes, _kink_nodes(low, high, edge, aperture[aperture.size - 1], parameter))
+        nodes = max(nodes, piece_nodes(low, high, aperture[k], strength[0], parameter[TOLERANCE]))
+    largest = aperture[aperture.size - 1]
+    return max(nodes, _kink_nodes(low, high, edge, largest, parameter, strength))
+
+
+@kernel
+def set_strength(parameter, exposure, reach, strength):
+    """K of the openings and of the gaps that nodes are made for.
+
+    exposure = phi W L/Q0 [m2 s/kg] gives that of a deep bed, reach = phi L [m] that of one that has
+    become thin: u phi L/(v h_c), at a velocity of THIN_VELOCITY. Writes strength[2].
+    """
+    thin = reach / (THIN_VELOCITY * parameter[CONTACT_DEPTH])
+    tries = max(thin, parameter[BULK_DENSITY] * exposure)
+    passage = tries * parameter[PASSAGE_VELOCITY]
+    percolation = GAP_SHARE * tries * parameter[SEGREGATION_VELOCITY]
+    strength[0] = min(MOST_STRENGTH, max(LEAST_PASSAGE, passage))
+    strength[1] = min(MOST_STRENGTH, max(LEAST_PERCOLATION, percolation))
 
 
 @kernel
@@ -175,11 +196,11 @@ def _legendre(nodes, k):
 
 
 @kernel
-def build_nodes(edge, aperture, parameter, size, node_class, position, weight):
+def build_nodes(edge, aperture, parameter, strength, size, node_class, position, weight):
     """Write the nodes of all classes, ascending; returns how many.
 
     edge[N + 1] in m, aperture ascending in m; of parameter: subdivision, tolerance, segregation
-    model and dilation. A class is broken at the apertures inside it. Arrays of `most_nodes`: size
+    model, velocity and dilation; strength[2] by `set_strength`. A class is broken at the apertures inside it. Arrays of `most_nodes`: size
     in m, node_class from 0, position in the class 0..1, weight summing to 1 over a class.
     """
     count = 0
@@ -195,7 +216,7 @@ def build_nodes(edge, aperture, parameter, size, node_class, position, weight):
                     continue
                 high = aperture[b]
             whole = high - low == width
-            nodes = _piece_count(low, high, whole, edge, aperture, parameter)
+            nodes = _piece_count(low, high, whole, edge, aperture, parameter, strength)
             for i in range(nodes):
                 x, share = _legendre(nodes, i)
                 size[count] = 0.5 * (low + high) + 0.5 * (high - low) * x

@@ -93,6 +93,7 @@ from vibroscreen.kernels.layout import (
 from vibroscreen.kernels.passage import PELEVIN, passage_probability
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
+    PROPORTIONAL,
     gap_radius,
     layer_mass,
     segregate,
@@ -129,14 +130,14 @@ FIRST = 1.0
 # is wide, many cheap stages are best; where it is short, high order is.
 PAIR, POSITIVE, STABILISED = range(3)
 # Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
-# error of a recovery stays below it (tests/benchmarks/work_precision.py).
-MARGIN = (4.0, 60.0, 5.0)
-# The scheme of order 3: stable up to this; its step is longer by this, as its error constant is
-# 15/24 of that of the stabilised one and its margin is wider.
+# error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
+# have a kink at every size, where no order is left.
+MARGIN = (30.0, 60.0, 5.0)
+MARGIN_SORTED = (4.0, 20.0, 5.0)
+# The scheme of order 3 is stable up to this.
 POSITIVE_STABLE = 5.0
-POSITIVE_GAIN = (24.0 / 15.0 * MARGIN[POSITIVE] / MARGIN[STABILISED]) ** 0.5
-# By the cost in rates of a step: six against four, and more stages with more overhead.
-POSITIVE_FROM = 4.0 / 6.0 * STABLE / POSITIVE_GAIN
+# Error constants of the stabilised scheme and that of order 3.
+ERROR_STABILISED, ERROR_POSITIVE = 1.0 / 15.0, 1.0 / 24.0
 WIDE_FROM = 7.0
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
@@ -559,7 +560,7 @@ def fastest_rate(buffer, layers):
     for j in range(1, layers):
         for i in range(weight.size):
             exchange = max(exchange, percolation[j, i])
-    return fastest + 2.0 * exchange
+    return max(fastest + exchange, 3.0 * exchange)
 
 
 # --- the explicit pair ---------------------------------------------------------------------------
@@ -1236,21 +1237,30 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
 
 
 @kernel
-def choose_scheme(buffer, book, fastest, left):
+def margins(buffer):
+    """How much an estimate may be above the tolerance: pair, order 3, stabilised."""
+    model = int(vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[SEGREGATION_MODEL])
+    return MARGIN_SORTED if model == PROPORTIONAL or model == CLASSIFIED else MARGIN
+
+
+@kernel
+def choose_scheme(buffer, book, fastest, left, gain):
     """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
 
-    `wide` is the step that an error of third order allows. Returns the scheme and h [s].
+    `wide` is the step that the stabilised scheme's error allows, that of order 3 is longer by
+    `gain`. Returns the scheme and h [s].
     """
     wide = book[D_WIDE] if book[D_WIDE] > 0.0 else FIRST / max(fastest, FIRST / left)
     spread = wide * fastest
     if spread > WIDE_FROM and buffer[N_SOURCE] < 2.0:
         scheme, h = STABILISED, min(wide, MOST_STAGES * MOST_STAGES / 1.54 / fastest)
-    elif spread > POSITIVE_FROM:
-        scheme, h = POSITIVE, min(POSITIVE_GAIN * wide, POSITIVE_STABLE / fastest)
+    elif gain * spread > 4.0 / 6.0 * STABLE:  # four rates a step against six
+        scheme, h = POSITIVE, min(gain * wide, POSITIVE_STABLE / fastest)
     else:
         most = STABLE / fastest if fastest > 0.0 else left
         scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else 0.5 * most, most)
-    return scheme, left if h > 0.99 * left else min(h, 0.5 * left)
+    # Steps of one length to the end.
+    return scheme, left / max(1.0, ceil(left / h - 0.01))
 
 
 @inlined
@@ -1266,13 +1276,15 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
     distance = mass_to_kink(buffer, scene, load, layers, growth)
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
     mass = layer_mass(load, layers - 1)
-    scheme, h = choose_scheme(buffer, book, fastest, left)
+    margin = margins(buffer)
+    gain = (ERROR_STABILISED / ERROR_POSITIVE * margin[POSITIVE] / margin[STABILISED]) ** 0.5
+    scheme, h = choose_scheme(buffer, book, fastest, left, gain)
     cut = 0.0 < kink < h
     if cut:
         h = kink
     landings = 0
     while True:
-        allowed = MARGIN[scheme] * allowance(buffer, scene, h)
+        allowed = margin[scheme] * allowance(buffer, scene, h)
         if scheme == STABILISED:
             stages = stages_for(h * fastest)
             error = stabilised_step(buffer, scene, layers, h, stages, moment) / allowed
@@ -1308,13 +1320,13 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             counter[C_STABILISED_STEPS] += 1
         elif scheme == POSITIVE:
             integrate_positive(buffer, h, size)
-            fit /= POSITIVE_GAIN
+            fit /= gain
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_POSITIVE_STEPS] += 1
         else:
             integrate_stages(buffer, h, size)
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
-            error = third_order_error(buffer, h, layers) * MARGIN[PAIR] / MARGIN[STABILISED]
+            error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
             error = max(error / allowed, 1e-10)
             book[D_WIDE] = h * min(5.0, 0.85 * error**-0.5)
             counter[C_PAIR_STEPS] += 1
