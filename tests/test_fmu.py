@@ -10,6 +10,7 @@ import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy.fmi2 as fmi2
@@ -39,6 +40,8 @@ N = 12
 FATAL = "status 4"
 FRACTIONS = range(1, N + 1)
 
+SCREENS = Path(__file__).parents[1] / "plant_examples" / "screens"
+
 # The contract of the FMU of one deck with one panel: name, unit, display unit.
 INPUTS = {
     "feed.mass_flow_rate": ("kg/s", "t/h"),
@@ -49,14 +52,26 @@ INPUTS = {
     "motion.ellipticity": ("1", None),
     "displacement.velocity": ("m/s", None),
 }
-STREAMS = {
-    f"{stream}.{quantity}": (unit, display)
-    for stream in ("undersize", "oversize")
-    for quantity, unit, display in (
-        ("mass_flow_rate", "kg/s", "t/h"),
-        *((f"mass_fraction[{i}]", "1", None) for i in FRACTIONS),
-    )
-}
+Units = dict[str, tuple[str, str | None]]
+
+
+def stream_of(name: str) -> Units:
+    return {
+        f"{name}.mass_flow_rate": ("kg/s", "t/h"),
+        **{f"{name}.mass_fraction[{i}]": ("1", None) for i in FRACTIONS},
+    }
+
+
+def bed_of_deck(deck: int) -> Units:
+    return {
+        f"deck[{deck}].bed.hold_up": ("kg", "t"),
+        f"deck[{deck}].bed.depth_feed": ("m", "mm"),
+        f"deck[{deck}].bed.depth_discharge": ("m", "mm"),
+        f"deck[{deck}].bed.transport_velocity": ("m/s", None),
+    }
+
+
+STREAMS = stream_of("undersize") | stream_of("oversize")
 REAL_OUTPUTS = {
     **STREAMS,
     "feed.mass": ("kg", "t"),
@@ -66,6 +81,7 @@ REAL_OUTPUTS = {
     "bed.depth_feed": ("m", "mm"),
     "bed.depth_discharge": ("m", "mm"),
     "bed.transport_velocity": ("m/s", None),
+    **bed_of_deck(1),
     "motion.throw_number": ("1", None),
     "performance.undersize_recovery": ("1", None),
     "performance.cut_size": ("m", "mm"),
@@ -106,6 +122,12 @@ CHOICES = {
     "bed.initial": ["empty", "steady"],
 }
 CONSTANT = "size_classes.subdivision"
+# What the double-deck screen has besides; its top deck has two panels, the lower one has one.
+BELOW = {
+    **stream_of("intermediate[1]"),
+    "intermediate[1].mass": ("kg", "t"),
+    **bed_of_deck(2),
+}
 # Factor from the unit to its display unit.
 DISPLAY = {
     "t/h": 3.6,
@@ -197,6 +219,24 @@ def description(fmu: Path) -> ModelDescription:
 def unzipped(fmu: Path) -> Iterator[Path]:
     place = Path(extract(str(fmu)))
     yield place
+    shutil.rmtree(place)
+
+
+@pytest.fixture(scope="session")
+def two_decks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU of the double-deck screen."""
+    config = ScreenConfig.load(SCREENS / "two_deck.toml")
+    return build_fmu.build(config, tmp_path_factory.mktemp("two_decks"))
+
+
+@pytest.fixture
+def lower(two_decks: Path) -> Iterator[Instance]:
+    """An instance of the double-deck screen that has started."""
+    place = Path(extract(str(two_decks)))
+    instance = Instance(place, read_model_description(str(two_decks)))
+    instance.start()
+    yield instance
+    instance.slave.freeInstance()
     shutil.rmtree(place)
 
 
@@ -443,6 +483,163 @@ def test_streams_are_those_of_the_engine_bit_for_bit(screen: Instance) -> None:
     assert screen.get(scalars) == expected
 
 
+# --- several decks and panels --------------------------------------------------------------------
+def test_variables_of_two_decks(two_decks: Path) -> None:
+    assert validate_fmu(str(two_decks)) == []
+    description = read_model_description(str(two_decks))
+    panels = {
+        f"deck[{deck}].{name.partition('.')[2].replace('panel[1]', f'panel[{panel}]')}": unit
+        for deck, panel in ((1, 1), (1, 2), (2, 1))
+        for name, unit in (TUNABLE | FIXED).items()
+        if name.startswith("deck[1]")
+    }
+    expected = INPUTS | REAL_OUTPUTS | BELOW | TUNABLE | FIXED | panels
+    real = [v for v in description.modelVariables if v.type == "Real"]
+    assert {v.name: (v.unit, v.displayUnit) for v in real} == expected
+    outputs = {unknown.variable.name for unknown in description.outputs}
+    assert outputs == {*REAL_OUTPUTS, *BELOW, *ALARMS}
+    for unknowns in (description.outputs, description.initialUnknowns):
+        assert len(unknowns) == len(outputs)
+        assert all(unknown.dependencies == [] for unknown in unknowns)
+    places = [v.valueReference for v in description.modelVariables]
+    assert places == sorted(set(places))
+    # the lower deck's second panel is not there: five references are skipped
+    assert places[-1] == len(places) - 1 + 5
+    starts = {v.name: float(v.start) for v in real if v.start is not None}
+    assert starts["deck[1].panel[1].open_area"] == 0.40
+    assert starts["deck[1].panel[2].open_area"] == 0.62
+    assert starts["deck[2].panel[1].aperture"] == pytest.approx(8 * MM, rel=1e-15)
+
+
+def test_the_page_tells_of_decks(two_decks: Path) -> None:
+    with zipfile.ZipFile(two_decks) as archive:
+        text = " ".join(etree.HTML(archive.read("documentation/index.html")).itertext())
+    for name in BELOW:
+        assert name in text
+    assert "31.5 mm over 2.4 x 6 m at 8 mm" in text
+
+
+def test_what_no_panel_fills_is_no_variable(lower: Instance) -> None:
+    place = lower.references(["deck[2].panel[1].velocity_factor"])[0]
+    for references in ([place + 1], [place, place + 1], list(range(place, place + 8))):
+        with pytest.raises(FMICallException, match=FATAL):
+            lower.slave.getReal(references)
+        assert f"value reference {place + 1} is no variable" in lower.log[-2][2]
+    with pytest.raises(FMICallException, match=FATAL):
+        lower.slave.setReal([place + 1], [1.0])
+
+
+def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
+    plain = Screen(ScreenConfig.load(SCREENS / "two_deck.toml"))
+    rng = np.random.default_rng(2)
+    names = list(REAL_OUTPUTS | BELOW)
+    flowing = 0
+    for _ in range(100):
+        changes = random_inputs(rng)
+        for name, value in changes.items():
+            field, index = engine_place(name)
+            plain.view(field)[index] = value
+        # tunable: parts of every panel blind
+        for deck, panel in ((1, 1), (1, 2), (2, 1)):
+            if rng.random() < 0.1:
+                area = float(rng.uniform(0.2, 0.6))
+                changes[f"deck[{deck}].panel[{panel}].open_area"] = area
+                plain.view("panel")[deck - 1, panel - 1, lay.OPEN_AREA] = area
+        if changes:
+            lower.set(changes)
+        duration = float(10.0 ** rng.uniform(np.log10(0.05), np.log10(60.0)))
+        lower.step(duration)
+        plain.advance(duration)
+        found = dict(zip(names, lower.get(names), strict=True))
+        result, output = plain.result(), plain.view("output")
+        expected = {
+            "undersize.mass_flow_rate": result.undersize.mass_flow_rate,
+            "oversize.mass_flow_rate": result.oversize.mass_flow_rate,
+            "intermediate[1].mass_flow_rate": result.intermediate[0].mass_flow_rate,
+            "intermediate[1].mass": float(plain.view("intermediate")[0, lay.INTERMEDIATE_MASS]),
+            "bed.hold_up": result.hold_up,
+            "drive.power": result.drive_power,
+            "performance.cut_size": result.cut_size,
+            "balance.error": result.balance_error,
+        }
+        for stream, fractions in (
+            ("undersize", result.undersize.mass_fraction),
+            ("oversize", result.oversize.mass_fraction),
+            ("intermediate[1]", result.intermediate[0].mass_fraction),
+        ):
+            expected |= {f"{stream}.mass_fraction[{i}]": fractions[i - 1] for i in FRACTIONS}
+        for deck, bed in enumerate(result.decks, start=1):
+            expected |= {f"deck[{deck}].bed.{key}": value for key, value in vars(bed).items()}
+        assert {name: found[name] for name in expected} == expected
+        # nothing is lost between the decks
+        fed = found["feed.mass"]
+        assert fed == output[lay.FEED_MASS]
+        gone = sum(found[f"{s}.mass"] for s in ("undersize", "oversize", "intermediate[1]"))
+        assert gone + found["bed.hold_up"] == pytest.approx(fed, rel=1e-12, abs=1e-9)
+        held = found["deck[1].bed.hold_up"] + found["deck[2].bed.hold_up"]
+        assert held == pytest.approx(found["bed.hold_up"], rel=1e-12, abs=1e-12)
+        flowing += found["intermediate[1].mass_flow_rate"] > 0.0
+    assert 20 < flowing < 100
+
+
+def test_a_state_of_two_decks_continues_bit_for_bit(lower: Instance) -> None:
+    def go_on() -> list[list[float]]:
+        outputs = []
+        for frequency in (15.5, 0.0, 12.0, 15.5):
+            lower.set({"motion.frequency": frequency})
+            lower.step(7.0)
+            outputs.append(lower.get(list(REAL_OUTPUTS | BELOW)))
+        return outputs
+
+    lower.step(20.0)
+    blob, expected = lower.state, go_on()
+    lower.state = blob
+    assert go_on() == expected
+
+
+def test_fixed_parameters_of_the_lower_deck(two_decks: Path) -> None:
+    place = Path(extract(str(two_decks)))
+    instance = Instance(place, read_model_description(str(two_decks)))
+    lengths = {
+        "deck[1].panel[1].length": 1.0,
+        "deck[1].panel[2].length": 4.0,
+        "deck[2].panel[1].length": 5.0,
+        "deck[2].panel[1].aperture": 10 * MM,
+    }
+    instance.set(lengths)
+    instance.start()
+    for _ in range(3):
+        instance.step(20.0)
+    config = ScreenConfig.load(SCREENS / "two_deck.toml")
+    top, low = config.decks
+    first, second = top.panels
+    shorter = config.replace(
+        decks=(
+            replace(top, panels=(replace(first, length=1.0), replace(second, length=4.0))),
+            replace(low, panels=(replace(low.panels[0], length=5.0, aperture=10 * MM),)),
+        )
+    )
+    plain = Screen(shorter)
+    for _ in range(3):
+        plain.advance(20.0)
+    names = [f"{s}.mass_flow_rate" for s in ("undersize", "oversize", "intermediate[1]")]
+    result = plain.result()
+    assert instance.get(names) == [
+        result.undersize.mass_flow_rate,
+        result.oversize.mass_flow_rate,
+        result.intermediate[0].mass_flow_rate,
+    ]
+    # and decks that are not equally long are refused by name
+    instance.slave.reset()
+    instance.set({"deck[2].panel[1].length": 5.0})
+    with pytest.raises(FMICallException, match=FATAL):
+        instance.start()
+    assert "deck[2] = 5 m of panels differs from deck[1]" in instance.log[0][2]
+    instance.slave.freeInstance()
+    shutil.rmtree(place)
+
+
+# --- the life of an instance ---------------------------------------------------------------------
 def test_outputs_hold_when_initialisation_ends(screen: Instance) -> None:
     rates = screen.get(["undersize.mass_flow_rate", "oversize.mass_flow_rate", "bed.hold_up"])
     assert rates == [0.0, 0.0, 0.0]

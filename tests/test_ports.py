@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.layout import FEED_MASS, Layout
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
@@ -18,6 +20,7 @@ from vibroscreen_fmu.ports import ENUMERATIONS, UNITS, Port, ports
 from vibroscreen_fmu.python_slave import configured
 
 EDGES = (0.0, 5 * MM, 10 * MM, 20 * MM)
+SCREENS = sorted((Path(__file__).parents[1] / "plant_examples" / "screens").glob("*.toml"))
 
 
 def table(config: ScreenConfig) -> dict[str, Port]:
@@ -29,15 +32,66 @@ def config() -> ScreenConfig:
     return ScreenConfig(SizeClasses(EDGES))
 
 
+def with_panels(*counts: int) -> ScreenConfig:
+    """A screen with so many panels on each deck, no two of them alike."""
+    number = iter(range(1, 1 + sum(counts)))
+    decks = tuple(
+        Deck(
+            2.0 + d, tuple(Panel(6.0 / count, inclination=next(number) * DEG) for _ in range(count))
+        )
+        for d, count in enumerate(counts)
+    )
+    return ScreenConfig(SizeClasses(EDGES), decks=decks)
+
+
 @pytest.mark.parametrize("panels", [1, 3])
-@pytest.mark.parametrize("decks", [1, 2])
+@pytest.mark.parametrize("decks", [1, 2, 4])
 def test_every_place_has_one_port(decks: int, panels: int) -> None:
-    deck = Deck(panels=(Panel(length=2.0),) * panels)
-    rows = ports(ScreenConfig(SizeClasses(EDGES), decks=(deck,) * decks))
+    rows = ports(with_panels(*(panels,) * decks))
     assert [port.reference for port in rows] == list(range(len(rows)))
     assert len({port.name for port in rows}) == len(rows)
-    # 19 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 19 outputs; 3 streams
-    assert len(rows) == 19 + 6 + decks * (1 + 5 * panels) + 6 + 19 + 3 * 3
+    # 19 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 19 outputs; 3 streams;
+    # 4 of every bed; rate, mass and composition of what leaves over a lower deck
+    assert len(rows) == (
+        19 + 6 + decks * (1 + 5 * panels) + 6 + 19 + 3 * 3 + 4 * decks + (decks - 1) * (2 + 3)
+    )
+
+
+@pytest.mark.parametrize("counts", [(1, 3), (3, 1), (2, 1, 3, 1)])
+def test_decks_of_unlike_panels_leave_room_without_ports(counts: Sequence[int]) -> None:
+    config = with_panels(*counts)
+    rows, found = ports(config), table(config)
+    references = [port.reference for port in rows]
+    assert references == sorted(set(references))
+    layout = Screen(config).layout
+    first = layout.section["parameters"].start
+    panel, size = layout.offset["panel"] - first, 5 * max(counts)
+    unused = {
+        panel + size * d + place
+        for d, count in enumerate(counts)
+        for place in range(5 * count, size)
+    }
+    assert set(references) == set(range(layout.section["outputs"].stop - first)) - unused
+    assert {
+        name.rpartition(".")[0] for name in found if name.startswith("deck[") and ".panel[" in name
+    } == {
+        f"deck[{d}].panel[{p}]"
+        for d, count in enumerate(counts, start=1)
+        for p in range(1, count + 1)
+    }
+
+
+def test_parameters_of_unlike_panels_are_their_own() -> None:
+    config = with_panels(1, 3)
+    found, screen = table(config), Screen(config)
+    for d, deck in enumerate(config.decks):
+        assert found[f"deck[{d + 1}].width"].start == deck.width
+        for p, panel in enumerate(deck.panels):
+            port = found[f"deck[{d + 1}].panel[{p + 1}].inclination"]
+            assert port.start == panel.inclination
+            assert port.path == ("decks", d, "panels", p, "inclination")
+            place = port.reference + screen.layout.section["parameters"].start
+            assert screen.buffer[place] == panel.inclination
 
 
 def test_references_are_places_in_the_buffer_of_a_screen(config: ScreenConfig) -> None:
@@ -54,6 +108,54 @@ def test_references_are_places_in_the_buffer_of_a_screen(config: ScreenConfig) -
         ("oversize.mass_fraction[1]", "oversize_fraction", 0),
     ):
         assert found[name].reference == layout.offset[field] + index - variables.start, name
+
+
+def test_outputs_of_decks_are_those_of_the_screen() -> None:
+    """Every number of a step's result stands where its port says."""
+    screen = Screen(with_panels(2, 1, 3))
+    for _ in range(5):
+        result = screen.step(20.0)
+    values = screen.buffer[screen.layout.section["parameters"].start :]
+    outputs = {
+        name: values[port.reference]
+        for name, port in table(screen.config).items()
+        if port.causality == "output"
+    }
+    assert len(result.intermediate) == 2
+    assert len(result.decks) == 3
+    expected: dict[str, float] = {}
+    for k, stream in enumerate(result.intermediate, start=1):
+        assert stream.mass_flow_rate > 0.0
+        expected[f"intermediate[{k}].mass_flow_rate"] = stream.mass_flow_rate
+        expected[f"intermediate[{k}].mass"] = screen.balance()[f"intermediate_{k}"].sum()
+        for i, fraction in enumerate(stream.mass_fraction, start=1):
+            expected[f"intermediate[{k}].mass_fraction[{i}]"] = fraction
+    for d, bed in enumerate(result.decks, start=1):
+        expected |= {f"deck[{d}].bed.{key}": value for key, value in vars(bed).items()}
+    own = {name for name in outputs if name.startswith(("intermediate[", "deck["))}
+    assert own == set(expected)
+    for name, value in expected.items():
+        assert outputs[name] == pytest.approx(value, rel=1e-15), name
+
+
+@pytest.mark.parametrize("decks", [1, 2])
+def test_outputs_of_decks_are_told_with_unit_and_meaning(decks: int) -> None:
+    found = table(with_panels(*(1,) * decks))
+    for d in range(1, decks + 1):
+        units = {"hold_up": "kg", "depth_feed": "m", "depth_discharge": "m"}
+        for short, unit in (units | {"transport_velocity": "m/s"}).items():
+            port = found[f"deck[{d}].bed.{short}"]
+            assert (port.unit, port.causality, port.variability) == (unit, "output", "continuous")
+            assert port.start is None
+            assert f"deck {d}" in port.description
+    # what is said of one deck alone is not there
+    assert ("intermediate[1].mass" in found) == (decks > 1)
+    if decks > 1:
+        assert found["intermediate[1].mass_flow_rate"].unit == "kg/s"
+        assert found["intermediate[1].mass"].unit == "kg"
+        assert found["intermediate[1].mass_fraction[3]"].least == 0.0
+        for name in ("mass_flow_rate", "mass", "mass_fraction[3]"):
+            assert "over deck 2" in found[f"intermediate[1].{name}"].description
 
 
 def test_start_values_are_those_of_the_configuration() -> None:
@@ -86,8 +188,8 @@ def test_limits_are_those_of_the_configuration(config: ScreenConfig) -> None:
             assert port.most is None or port.start <= port.most, port.name
 
 
-def test_every_port_is_described_and_has_a_known_unit(config: ScreenConfig) -> None:
-    for port in ports(config):
+def test_every_port_is_described_and_has_a_known_unit() -> None:
+    for port in ports(with_panels(2, 1)):
         assert port.unit in UNITS, port.name
         assert port.description[0].isupper(), port.name
         assert not port.description.endswith("."), port.name
@@ -171,3 +273,38 @@ def test_a_velocity_takes_the_place_of_a_table(config: ScreenConfig) -> None:
 def test_the_layer_depth_stays_when_the_contact_depth_changes(config: ScreenConfig) -> None:
     port = table(config)["bed.contact_depth"]
     assert configured(config, {port: 0.03}).bed == Bed(contact_depth=0.03, layer_depth=0.02)
+
+
+# --- the screens that are shipped ----------------------------------------------------------------
+@pytest.mark.parametrize("path", SCREENS, ids=lambda path: path.stem)
+def test_shipped_screens_survive_the_way_into_the_fmu(path: Path) -> None:
+    config = ScreenConfig.load(path)
+    again = ScreenConfig.loads(config.to_toml())
+    assert again == config
+    assert again.to_toml() == config.to_toml()
+    assert ports(again) == ports(config)
+
+
+@pytest.mark.parametrize("path", SCREENS, ids=lambda path: path.stem)
+def test_shipped_screens_do_what_they_are_for(path: Path) -> None:
+    """Fines pass, oversize does not, the bed moves, and steps end in the steady solution."""
+    screen = Screen(ScreenConfig.load(path))
+    steady = screen.solve_steady()
+    upper = screen.config.size_classes.upper
+    assert steady.recovery[0] > 0.99
+    assert (steady.recovery[upper > steady.aperture * (1.0 + 1e-9)] == 0.0).all()
+    assert (steady.recovery[:-1] >= steady.recovery[1:] - 1e-12).all()
+    fed = screen.config.feed.mass_flow_rate
+    streams = (steady.undersize, steady.oversize, *steady.intermediate)
+    assert sum(stream.mass_flow_rate for stream in streams) == pytest.approx(fed, rel=1e-12)
+    assert min(stream.mass_flow_rate for stream in streams) > 0.1 * fed
+    for _ in range(60):
+        result = screen.step(5.0)
+    assert result.alarms == ()
+    assert min(bed.transport_velocity for bed in result.decks) > 0.0
+    fed_mass = screen.view("output")[FEED_MASS]
+    assert abs(result.balance_error) <= 1e-12 * fed_mass
+    for found, expected in zip(
+        (result.undersize, result.oversize, *result.intermediate), streams, strict=True
+    ):
+        assert found.mass_flow_rate == pytest.approx(expected.mass_flow_rate, abs=1e-4 * fed)

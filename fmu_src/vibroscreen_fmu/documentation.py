@@ -25,7 +25,9 @@ ABOUT = (
     "step, undersize and oversize come out. Inside, slices of the bed ride along the decks; grains "
     "segregate in them and pass the openings (cell model of Ivanov and Vaisberg).",
     "Streams are means over the last communication step, size classes are numbered from the "
-    "finest. Outputs change only when a step or the initialisation ends. Any step size works.",
+    "finest, decks from the top, panels from the feed end. With several decks, undersize is what "
+    "falls through the lowest deck, oversize leaves over the top deck, and intermediate[k] over "
+    "deck k + 1. Outputs change only when a step or the initialisation ends. Any step size works.",
 )
 REFUSALS = (
     "A step with an input that cannot be used (not finite, negative, fractions that do not sum to "

@@ -187,10 +187,10 @@ def write_fmu(config: ScreenConfig, folder: Path) -> Path:
 
 
 def summary(config: ScreenConfig) -> str:
-    """One line on what a screen is: name, decks, size classes."""
+    """One line on what a screen is: name, decks with the apertures on them, size classes."""
     size = " over ".join(
         f"{deck.width:.6g} x {deck.length:.6g} m at "
-        + ", ".join(f"{panel.aperture / MM:.6g} mm" for panel in deck.panels)
+        + ", ".join(dict.fromkeys(f"{panel.aperture / MM:.6g} mm" for panel in deck.panels))
         for deck in config.decks
     )
     return f"Vibrating screen ({config.name}): {size}, {config.size_classes.count} size classes"

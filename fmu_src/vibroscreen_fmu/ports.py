@@ -3,6 +3,8 @@
 The value reference of a variable is its place in the buffer, counted from the first parameter:
 parameters, inputs and outputs lie there in a row. Names, units and limits that the engine knows are
 taken from it; rows follow decks, panels and size classes, so that more of them are only more rows.
+Where decks have different numbers of panels, the buffer has room that no panel fills: references
+are skipped there.
 """
 
 from __future__ import annotations
@@ -14,7 +16,16 @@ import numpy as np
 
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
-from vibroscreen.kernels.layout import DIMENSION, INPUT, OUTPUT, PANEL, PARAMETER, Layout
+from vibroscreen.kernels.layout import (
+    DECK_BED,
+    DIMENSION,
+    INPUT,
+    INTERMEDIATE,
+    OUTPUT,
+    PANEL,
+    PARAMETER,
+    Layout,
+)
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
 from vibroscreen.screen import VARIABLE, fill, nodes_of
@@ -24,6 +35,7 @@ __all__ = ["ENUMERATIONS", "UNITS", "Enumeration", "Port", "Unit", "ports"]
 
 Steps = tuple[str | int, ...]
 Limits = tuple[float | None, float | None]
+Place = tuple[str, *tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -228,17 +240,22 @@ _OUTPUTS = {
     "undersize_recovery": (
         "performance.undersize_recovery",
         "1",
-        _Meaning("Share of the feed finer than the aperture that fell through in the last step"),
+        _Meaning(
+            "Share of what is fed finer than the top deck's smallest aperture that fell through "
+            "the lowest deck in the last step"
+        ),
     ),
     "cut_size": (
         "performance.cut_size",
         "m",
-        _Meaning("Size of which half leaves over the deck"),
+        _Meaning("Size of which half leaves over the top deck"),
     ),
     "ecart_probable": (
         "performance.ecart_probable",
         "m",
-        _Meaning("Half the distance between the sizes of which 75 % and 25 % leave over the deck"),
+        _Meaning(
+            "Half the distance between the sizes of which 75 % and 25 % leave over the top deck"
+        ),
     ),
     "drive_power": (
         "drive.power",
@@ -253,22 +270,38 @@ _OUTPUTS = {
     "alarm_bed_depth": (
         "alarm.bed_depth",
         "1",
-        _alarm("The bed is deeper than four apertures at the discharge"),
+        _alarm("The bed of a deck is deeper than four apertures at the discharge"),
     ),
     "alarm_capacity": (
         "alarm.capacity",
         "1",
-        _alarm("The bed is deeper than the layers of the model can hold"),
+        _alarm("The bed of a deck is deeper than the layers of the model can hold"),
     ),
     "alarm_transport": (
         "alarm.transport",
         "1",
-        _alarm("The vibration does not convey the bed down the deck"),
+        _alarm("The vibration does not convey the bed down a deck"),
     ),
     "alarm_performance": (
         "alarm.performance",
         "1",
         _alarm("Cut size or ecart probable lie outside of the size classes"),
+    ),
+}
+# Outputs of the stream over every lower deck, and of the bed on every deck: the last part of the
+# name, unit and meaning; decks are counted from the top.
+_INTERMEDIATE = {
+    "rate": ("mass_flow_rate", "kg/s", "What leaves over deck {}, mean over the last step"),
+    "mass": ("mass", "kg", "Left over deck {} since the start"),
+}
+_DECK_BED = {
+    "hold_up": ("hold_up", "kg", "What lies on deck {}"),
+    "depth_feed": ("depth_feed", "m", "Depth of the bed on deck {} at the feed end"),
+    "depth_discharge": ("depth_discharge", "m", "Depth of the bed on deck {} at the discharge"),
+    "transport_velocity": (
+        "transport_velocity",
+        "m/s",
+        "Velocity of the bed along the first panel of deck {}",
     ),
 }
 _LIMITS_OF_INPUT = {
@@ -288,7 +321,7 @@ class _Row:
     """A variable before it has a place: which number of which field of the buffer it is."""
 
     name: str
-    place: tuple[str, *tuple[int, ...]]
+    place: Place
     causality: str
     unit: str
     meaning: _Meaning
@@ -382,11 +415,28 @@ def _outputs(config: ScreenConfig) -> Iterator[_Row]:
         name, unit, meaning = _OUTPUTS[scalar]
         yield _Row(name, ("output", index), "output", unit, _continuous(meaning))
     for stream, text in _STREAMS.items():
-        for i in range(config.size_classes.count):
-            meaning = _continuous(_Meaning(text.format(i + 1)))
-            name = f"{stream}.mass_fraction[{i + 1}]"
-            place = (f"{stream}_fraction", i)
-            yield _Row(name, place, "output", "1", meaning, _FRACTION_LIMITS)
+        yield from _fractions(config, stream, (f"{stream}_fraction",), text)
+    for k in range(len(config.decks) - 1):
+        below = k + 2  # the deck that it leaves over
+        for index, scalar in enumerate(INTERMEDIATE):
+            short, unit, text = _INTERMEDIATE[scalar]
+            name, meaning = f"intermediate[{k + 1}].{short}", _Meaning(text.format(below))
+            yield _Row(name, ("intermediate", k, index), "output", unit, _continuous(meaning))
+        text = f"Mass fraction of class {{}} in what leaves over deck {below}"
+        yield from _fractions(config, f"intermediate[{k + 1}]", ("intermediate_fraction", k), text)
+    for d in range(len(config.decks)):
+        for index, scalar in enumerate(DECK_BED):
+            short, unit, text = _DECK_BED[scalar]
+            name, meaning = f"deck[{d + 1}].bed.{short}", _Meaning(text.format(d + 1))
+            yield _Row(name, ("deck_bed", d, index), "output", unit, _continuous(meaning))
+
+
+def _fractions(config: ScreenConfig, stream: str, place: Place, text: str) -> Iterator[_Row]:
+    """Composition of a stream; `text` says it for a class, `place` is that of the stream."""
+    for i in range(config.size_classes.count):
+        meaning = _continuous(_Meaning(text.format(i + 1)))
+        name = f"{stream}.mass_fraction[{i + 1}]"
+        yield _Row(name, (*place, i), "output", "1", meaning, _FRACTION_LIMITS)
 
 
 def _continuous(meaning: _Meaning) -> _Meaning:
