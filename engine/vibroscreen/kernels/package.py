@@ -139,6 +139,8 @@ POSITIVE_STABLE = 5.0
 # Error constants of the stabilised scheme and that of order 3.
 ERROR_STABILISED, ERROR_POSITIVE = 1.0 / 15.0, 1.0 / 24.0
 WIDE_FROM = 7.0
+# Another scheme's step may be this much longer than the one that tells it.
+MOST_WIDER = 50.0
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
@@ -1320,7 +1322,8 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             counter[C_STABILISED_STEPS] += 1
         elif scheme == POSITIVE:
             integrate_positive(buffer, h, size)
-            fit /= gain
+            # Not bounded as its own next step is, which stability limits.
+            fit = h / gain * min(MOST_WIDER, 0.85 * max(error, 1e-10) ** -0.5)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_POSITIVE_STEPS] += 1
         else:
@@ -1328,7 +1331,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
             error = max(error / allowed, 1e-10)
-            book[D_WIDE] = h * min(5.0, 0.85 * error**-0.5)
+            book[D_WIDE] = h * min(MOST_WIDER, 0.85 * error**-0.5)
             counter[C_PAIR_STEPS] += 1
         return h, scheme != POSITIVE
 
