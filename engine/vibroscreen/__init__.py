@@ -8,6 +8,7 @@ from vibroscreen.probability import gaudin_probability, packing_gap, pelevin_pro
 from vibroscreen.screen import Screen, StepResult
 from vibroscreen.steady import Profile, SteadyResult
 from vibroscreen.stream import Feed, Stream
+from vibroscreen.sweep import SteadyTable, solve_steady_many
 
 __version__ = "0.1.0"
 
@@ -21,6 +22,7 @@ __all__ = [
     "Screen",
     "ScreenConfig",
     "SteadyResult",
+    "SteadyTable",
     "StepResult",
     "Stream",
     "conveying_regime",
@@ -28,5 +30,6 @@ __all__ = [
     "packing_gap",
     "pelevin_probability",
     "register",
+    "solve_steady_many",
     "transport_velocity",
 ]

@@ -7,6 +7,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,9 @@ from vibroscreen.config import Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.classes import set_strength
+from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
-from vibroscreen.kernels.entry import ADVANCE, INITIALISE, run
+from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, run
 from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.step import PRESCRIBED
@@ -111,8 +112,9 @@ class DeckBed:
 class StepResult:
     """What a step gave: means over the step, cumulative masses and the state after it.
 
-    undersize, oversize and intermediate (over each lower deck) in kg/s; hold_up in kg; depths in m
-    and transport_velocity in m/s, of the top deck (`decks` has those of each deck); throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
+    undersize, oversize and intermediate (over each lower deck) in kg/s; hold_up in kg on all decks;
+    depths in m and transport_velocity in m/s of the top deck (`decks` has those of each deck);
+    throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
     in W; balance_error in kg; alarms: names of those that are set.
     """
 
@@ -148,10 +150,10 @@ class Screen:
             _LOG.warning("vibroscreen compiles its kernels, once a version: about a minute")
         self.config = config
         self.nodes = nodes_of(config)
-        self.layout = _layout(config, self.nodes, packages=True)
+        self.layout = _layout(config, self.nodes.count, packages=True)
         self.buffer = self.layout.buffer()
         fill(self.layout, self.buffer, config, self.nodes)
-        self._column = _layout(config, self.nodes, packages=False)
+        self._column = _layout(config, self.nodes.count, packages=False)
         self._column_buffer = self._column.buffer()
         fill(self._column, self._column_buffer, config, self.nodes)
         self.initialise()
@@ -318,23 +320,23 @@ class Screen:
 
 def nodes_of(config: ScreenConfig) -> Nodes:
     """Sizes that stand for the classes of a configuration."""
-    segregation, feed = config.segregation, config.feed.mass_flow_rate
-    reach = [sum(panel.length * panel.open_area for panel in d.panels) for d in config.decks]
-    areas = [deck.width * part for deck, part in zip(config.decks, reach, strict=True)]
-    parameter, strength = np.zeros(len(lay.PARAMETER)), np.zeros(2)
-    parameter[lay.BULK_DENSITY] = config.material.bulk_density
-    parameter[lay.CONTACT_DEPTH] = config.bed.contact_depth
-    parameter[lay.PASSAGE_VELOCITY] = passage_velocity(config)
-    parameter[lay.SEGREGATION_VELOCITY] = segregation.velocity
-    set_strength(parameter, max(areas) / feed if feed > 0.0 else 0.0, max(reach), strength)
-    return config.size_classes.nodes(
-        config.apertures,
-        config.solver.tolerance,
-        registry.model("segregation", segregation.model).number,
-        segregation.dilation,
-        (float(strength[0]), float(strength[1])),
-        segregation.velocity,
+    layout = slice_layout(config)
+    buffer = layout.buffer()
+    fill(layout, buffer, config)
+    run(buffer, PLACE_NODES, 0.0, 0.0)
+    count = int(buffer[lay.N_NODES])
+    size, node_class, position, weight = (
+        layout.view(buffer, name)[:count].copy()
+        for name in ("size", "node_class", "node_position", "node_weight")
     )
+    return Nodes(size, node_class.astype(np.intp), position, weight)
+
+
+def slice_layout(config: ScreenConfig, designs: int = 1) -> Layout:
+    """Room for one slice of the bed, whatever nodes it has, and for so many designs at once."""
+    apertures = len(config.apertures)
+    room = most_nodes(config.size_classes.count, apertures, float(config.size_classes.subdivision))
+    return _layout(config, int(room), packages=False, designs=designs)
 
 
 def passage_velocity(config: ScreenConfig) -> float:
@@ -376,10 +378,11 @@ def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
     for k, end in enumerate(ends[:-1], start=1):
         least, most = count[-1] + 1, cells - (len(deck.panels) - k)
         count.append(min(most, max(least, round(float(end)))))
-    return np.diff([*count, max(cells, count[-1] + 1)]).tolist()
+    count.append(max(cells, count[-1] + 1))
+    return [stop - start for start, stop in pairwise(count)]
 
 
-def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
+def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
     """Dimensions of a screen; without packages only one slice has room."""
     cells = _cells(config)
     segregation = registry.model("segregation", config.segregation.model)
@@ -387,7 +390,7 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
     return Layout(
         {
             "classes": config.size_classes.count,
-            "nodes": nodes.count,
+            "nodes": nodes,
             "decks": len(config.decks),
             "panels": max(len(deck.panels) for deck in config.decks),
             "layers": config.bed.layers if segregation.layered else 1,
@@ -397,9 +400,10 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
             "bed_layers": config.bed.layers,
             "knots": KNOTS if len(config.decks) > 1 else 1,
             "falls": room if packages and len(config.decks) > 1 else 1,
+            "designs": designs,
             "recorded": 0,
             "recorded_from": 0,
-            "active": nodes.count,
+            "active": nodes,
             "source_terms": 0,
             "displacement_work": WORK_SIZE,
             "displacement_address": registry.model(
@@ -411,8 +415,8 @@ def _layout(config: ScreenConfig, nodes: Nodes, *, packages: bool) -> Layout:
     )
 
 
-def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> None:
-    """Write a configuration into a buffer: parameters, duty and constants."""
+def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | None = None) -> None:
+    """Write a configuration into a buffer: parameters, duty and constants, nodes if given."""
     values = {
         **dataclasses.asdict(config.material),
         "passage_law": registry.model("passage", config.passage.law).number,
@@ -449,12 +453,22 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> N
         layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, cells)
     put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())
-    put("size", nodes.size)
-    put("node_class", nodes.class_index)
-    put("node_position", nodes.position)
-    put("node_weight", nodes.weight)
+    if nodes is not None:
+        put_nodes(layout, buffer, nodes)
     layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity
     put_inputs(layout, buffer, config.feed, config.motion, config)
+
+
+def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
+    """Write the nodes into a buffer that has room for them, or for more."""
+    buffer[lay.N_NODES] = nodes.count
+    for name, values in (
+        ("size", nodes.size),
+        ("node_class", nodes.class_index),
+        ("node_position", nodes.position),
+        ("node_weight", nodes.weight),
+    ):
+        layout.view(buffer, name)[: nodes.count] = values
 
 
 def put_inputs(
@@ -502,6 +516,20 @@ def _accept(code: int, buffer: Array, layout: Layout) -> None:
 def refusal(layout: Layout, buffer: Array) -> InputError:
     """The error that says what a kernel refused."""
     code, index, value, limit = layout.view(buffer, "refusal").tolist()
+    return refusal_of(layout, buffer, code, index, value, limit)
+
+
+def refusal_of(
+    layout: Layout, buffer: Array, code: float, index: float, value: float, limit: float
+) -> InputError:
+    """The error of a refusal: its code, the place of the buffer, its value and limit."""
+    if code == lay.NO_FEED:
+        return InputError(
+            "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
+            "feed.mass_flow_rate",
+        )
+    if code == lay.NO_CONVEYING:
+        return no_conveying(layout, buffer)
     name, unit, cure = variable_name(layout, int(index))
     given = f"{name} = {value:.6g} {unit}".rstrip()
     bound = f"{limit:.6g} {unit}".rstrip()
@@ -537,3 +565,23 @@ def refusal(layout: Layout, buffer: Array) -> InputError:
     if limit_word == "least" and limit < 0.0 and abs(limit) < 1e-6:
         bound = f"0 {unit}".rstrip()
     return InputError(f"{given} is {side} the {limit_word} that is possible, {bound}: {cure}", name)
+
+
+def no_conveying(layout: Layout, buffer: Array) -> InputError:
+    """What to say of a deck that does not convey."""
+    inputs = layout.view(buffer, "input")
+    frequency, amplitude = inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE]
+    velocity = inputs[lay.DISPLACEMENT_VELOCITY]
+    model = layout.view(buffer, "parameter")[lay.DISPLACEMENT_MODEL]
+    if model == PRESCRIBED and velocity == 0.0:
+        return InputError(
+            "displacement.velocity = 0 m/s does not convey, so there is no steady state: give the "
+            "velocity of the bed",
+            "displacement.velocity",
+        )
+    return InputError(
+        f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
+        "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "
+        'angle down-slope, or use displacement.model = "prescribed"',
+        "motion.frequency",
+    )

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from vibroscreen import performance
 from vibroscreen.config import Deck, ScreenConfig
-from vibroscreen.errors import InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.kernels.layout import Layout
@@ -184,19 +183,12 @@ def solve(
     config: ScreenConfig, nodes: Nodes, layout: Layout, buffer: Array, feed: Feed, check: Check
 ) -> SteadyResult:
     """Steady state with the inputs and parameters in the buffer of one slice."""
-    if feed.mass_flow_rate <= 0.0:
-        raise InputError(
-            "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
-            "feed.mass_flow_rate",
-        )
     check(run(buffer, SOLVE, 0.0, 0.0), buffer, layout)
     decks = len(config.decks)
     velocities = [
         layout.view(buffer, "scene")[d, : len(deck.panels), lay.S_TRANSPORT_VELOCITY].copy()
         for d, deck in enumerate(config.decks)
     ]
-    if min(float(speeds.min()) for speeds in velocities) <= 0.0:
-        raise _no_conveying(config, layout, buffer)
     count = config.size_classes.count
     setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
     set_now = buffer[setting].copy()
@@ -210,7 +202,7 @@ def solve(
 
     streams = layout.view(buffer, "step_mass").copy()
     through, over = streams[decks - 1], streams[decks:]
-    rates = by_class(nodes, streams[decks - 1 :], count)
+    rates = layout.view(buffer, "class_mass")[lay.UNDER :].copy()
     total = rates.sum(axis=0)
     fed = np.asarray(feed.mass_fraction)
     products = [Stream.of_class_rates(row, fed) for row in rates]
@@ -268,25 +260,6 @@ def _profile(
         by_class(nodes, load[:, :used], count),
         by_class(nodes, passed, count),
         config.material.bulk_density,
-    )
-
-
-def _no_conveying(config: ScreenConfig, layout: Layout, buffer: Array) -> InputError:
-    """What to say of a deck that does not convey."""
-    inputs = layout.view(buffer, "input")
-    frequency, amplitude = inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE]
-    velocity = inputs[lay.DISPLACEMENT_VELOCITY]
-    if config.displacement.model == "prescribed" and velocity == 0.0:
-        return InputError(
-            "displacement.velocity = 0 m/s does not convey, so there is no steady state: give the "
-            "velocity of the bed",
-            "displacement.velocity",
-        )
-    return InputError(
-        f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
-        "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "
-        'angle down-slope, or use displacement.model = "prescribed"',
-        "motion.frequency",
     )
 
 

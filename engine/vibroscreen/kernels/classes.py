@@ -50,8 +50,8 @@ from vibroscreen.kernels.segregation import (
 )
 
 MOST_NODES = 24  # on a piece, where the engine chooses
-# Least K = rho_b u phi W L/Q0 that the nodes are made for, through the openings and through the
-# gaps of `exchange`, whose open area is about GAP_SHARE of that of a deck; 15 on the default screen.
+# Least K = rho_b u phi W L/Q0 that the nodes are made for (15 on the default screen), through the
+# openings and through the gaps of `exchange`, whose open area is about GAP_SHARE of a deck's.
 LEAST_PASSAGE, LEAST_PERCOLATION, GAP_SHARE = 50.0, 10.0, 0.4
 MOST_STRENGTH = 1e5
 THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
@@ -200,8 +200,9 @@ def build_nodes(edge, aperture, parameter, strength, size, node_class, position,
     """Write the nodes of all classes, ascending; returns how many.
 
     edge[N + 1] in m, aperture ascending in m; of parameter: subdivision, tolerance, segregation
-    model, velocity and dilation; strength[2] by `set_strength`. A class is broken at the apertures inside it. Arrays of `most_nodes`: size
-    in m, node_class from 0, position in the class 0..1, weight summing to 1 over a class.
+    model, velocity and dilation; strength[2] by `set_strength`. A class is broken at the apertures
+    inside it. Arrays of `most_nodes`: size in m, node_class from 0, position in the class 0..1,
+    weight summing to 1 over a class.
     """
     count = 0
     for k in range(edge.size - 1):

@@ -885,7 +885,7 @@ def advance_top(buffer, duration):
 
 @kernel
 def extend_tail(buffer, deck, duration):
-    """Let an empty stretch come in at the feed end of a lower deck, as packages of cells' length."""
+    """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
     book = deck_vector(buffer, deck)
     length = package_vector(buffer, AT_LENGTH, deck)
     velocity = panel_velocity(buffer, AT_SCENE, deck, 0)

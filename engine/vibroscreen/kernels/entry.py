@@ -4,10 +4,28 @@ from __future__ import annotations
 
 from vibroscreen.kernels.jit import kernel
 from vibroscreen.kernels.layout import ACCEPTED
-from vibroscreen.kernels.steady import follow, lay_batch, prepare_slice, solve_decks, start_slice
+from vibroscreen.kernels.steady import (
+    follow,
+    lay_batch,
+    place_nodes,
+    prepare_slice,
+    solve_many,
+    solve_steady,
+    start_slice,
+)
 from vibroscreen.kernels.step import advance, initialise
 
-INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH, FOLLOW, SOLVE = range(7)
+(
+    INITIALISE,
+    ADVANCE,
+    START_SLICE,
+    START_BELOW,
+    LAY_BATCH,
+    FOLLOW,
+    SOLVE,
+    SOLVE_MANY,
+    PLACE_NODES,
+) = range(9)
 
 
 @kernel
@@ -15,18 +33,22 @@ def run(buffer, command, first, second):
     """Carry out a command on a buffer; returns ACCEPTED or why it is refused.
 
     INITIALISE; ADVANCE first = s; START_SLICE; START_BELOW first = deck; LAY_BATCH first = kg/m2,
-    second = s to come; FOLLOW first = s, second = deck; SOLVE.
+    second = s to come; FOLLOW first = s, second = deck; SOLVE; SOLVE_MANY first = designs, second =
+    whether nodes change; PLACE_NODES.
     """
     if command == INITIALISE:
         return initialise(buffer)
     if command == ADVANCE:
         return advance(buffer, first)
-    if command == START_SLICE or command == SOLVE:
-        code = prepare_slice(buffer)
-        if code == ACCEPTED and command == SOLVE:
-            solve_decks(buffer)
-        return code
-    if command == START_BELOW:
+    if command == START_SLICE:
+        return prepare_slice(buffer)
+    if command == SOLVE:
+        return solve_steady(buffer)
+    if command == SOLVE_MANY:
+        solve_many(buffer, int(first), second)
+    elif command == PLACE_NODES:
+        place_nodes(buffer)
+    elif command == START_BELOW:
         start_slice(buffer, int(first))
     elif command == LAY_BATCH:
         lay_batch(buffer, first, second)

@@ -286,14 +286,41 @@ SWITCH = (
     W_DISPLACEMENT,
 ) = range(len(SWITCH))
 
-# Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow. Cumulative
-# masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
+# Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.
+# Cumulative masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
 FED, UNDER, OVER = 0, 1, 2
 
 # Why a step is refused.
 ACCEPTED = 0
 NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP, NO_MODEL, NO_VELOCITY = 1, 2, 3, 4, 5, 6, 7
+NO_CONVEYING, NO_FEED = 8, 9  # of a steady solution
 R_CODE, R_INDEX, R_VALUE, R_LIMIT = range(4)
+
+# What a steady solution gives besides the class rates of its streams.
+FIGURE = (
+    "code",
+    "index",
+    "value",
+    "limit",
+    "transport_velocity",
+    "residence_time",
+    "hold_up",
+    "undersize_recovery",
+    "cut_size",
+    "ecart_probable",
+)
+(
+    F_CODE,
+    F_INDEX,
+    F_VALUE,
+    F_LIMIT,
+    F_VELOCITY,
+    F_RESIDENCE,
+    F_HOLD_UP,
+    F_RECOVERY,
+    F_CUT_SIZE,
+    F_ECART,
+) = range(len(FIGURE))
 
 MAX_ORDER = 8
 MAX_HARMONICS = 4
@@ -400,6 +427,12 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "stage": (10, "block"),
         # two rows an order of extrapolation: column and its time integral
         "trial": (2 * MAX_ORDER, "block"),
+        # many steady solutions: what is set, harmonics, and what came out, a row a design
+        "design": ("designs", "setting"),
+        "design_harmonic": ("designs", MAX_HARMONICS * 5),
+        "design_result": ("designs", "result"),
+        "strength": (2,),
+        "apertures": ("all_panels",),
         "scratch": ("layers", "nodes"),
         "percolation": ("layers", "nodes"),
         "node_work": (4, "nodes"),
@@ -418,6 +451,7 @@ DIMENSION = (
     "bed_layers",
     "knots",
     "falls",
+    "designs",
     "recorded",
     "recorded_from",
     "active",
@@ -439,6 +473,7 @@ DIMENSION = (
     BED_LAYERS,
     N_KNOTS,
     N_FALLS,
+    N_DESIGNS,
     RECORDED,
     RECORDED_FROM,
     N_ACTIVE,
@@ -475,6 +510,13 @@ class Layout:
             + known["decks"] * known["panels"] * len(PANEL)
             + 5 * MAX_HARMONICS
         )
+        known["all_panels"] = known["decks"] * known["panels"]
+        known["setting"] = sum(
+            prod(known[s] if isinstance(s, str) else s for s in symbols)
+            for title in ("parameters", "inputs")
+            for symbols in SECTIONS[title].values()
+        )
+        known["result"] = len(FIGURE) + (OVER + known["decks"]) * known["classes"]
         known["lower_decks"] = known["decks"] - 1
         known["deck_streams"] = 2 * known["decks"]
         known["streams"] = OVER + known["decks"]
@@ -601,6 +643,11 @@ class Layout:
     AT_SHARE,
     AT_STAGE,
     AT_TRIAL,
+    AT_DESIGN,
+    AT_DESIGN_HARMONIC,
+    AT_DESIGN_RESULT,
+    AT_STRENGTH,
+    AT_APERTURES,
     AT_SCRATCH,
     AT_PERCOLATION,
     AT_NODE_WORK,

@@ -74,7 +74,7 @@ def residence_time(buffer, at, deck):
 
 @kernel
 def riding_time(buffer, at, deck, place):
-    """Riding time at a place [m], s, also before the feed end; the place itself on a deck at rest."""
+    """Riding time at a place [m], s, also before the feed end; on a deck at rest the place."""
     velocity = panel_velocity(buffer, at, deck, 0)
     if velocity <= 0.0:
         return place

@@ -860,6 +860,13 @@ def move(buffer, duration):
     for deck in range(decks):
         deck_vector(buffer, deck)[D_CAPACITY_ALARM] = 0.0
     advance_decks(buffer, duration)
+    sum_streams(buffer, duration)
+
+
+@kernel
+def sum_streams(buffer, duration):
+    """Sum the masses of the step over the classes: what was fed, the undersize, each oversize."""
+    decks = int(buffer[N_DECKS])
     fed_masses(buffer, FED, duration)
     classes = node_vector(buffer, AT_NODE_CLASS, 0)
     # What passes the lowest deck, and what leaves over each.

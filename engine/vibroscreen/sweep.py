@@ -1,0 +1,417 @@
+"""Many steady states at once: for sweeps, optimisation, and maps of a design space."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vibroscreen.config import (
+    Bed,
+    Deck,
+    Drive,
+    Material,
+    Panel,
+    Passage,
+    ScreenConfig,
+    Segregation,
+)
+from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.fields import Entry, Number, entries, nearest
+from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels.entry import SOLVE_MANY, run
+from vibroscreen.kernels.layout import Layout
+from vibroscreen.screen import (
+    VARIABLE,
+    check_supported,
+    fill,
+    nodes_of,
+    put_nodes,
+    refusal_of,
+    slice_layout,
+)
+
+if TYPE_CHECKING:  # the host of an FMU need not have it
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+# Designs that a thread takes at a time.
+CHUNK = 32
+# Numbers that a screen is built with and that a sweep cannot change: choices, and what sets sizes.
+FIXED = frozenset(
+    {
+        "passage_law",
+        "segregation_model",
+        "displacement_model",
+        "initial",
+        "tolerance",
+        "subdivision",
+    }
+)
+# What limits the numbers of a section; the engine itself checks inputs.
+SECTIONS: dict[str, type] = {
+    "deck": Deck,
+    "panel": Panel,
+    "material": Material,
+    "passage": Passage,
+    "segregation": Segregation,
+    "bed": Bed,
+    "drive": Drive,
+}
+FEED_FRACTION = "feed.mass_fraction"
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyTable:
+    """Steady states of many designs, a row each.
+
+    recovery[design, class]: part of each class that reaches the undersize, 0 for one that is not
+    fed; undersize, oversize [design, class] and intermediate [design, deck below the top, class]
+    in kg/s; transport_velocity in m/s and residence_time in s of the top deck; hold_up in kg;
+    undersize_recovery; cut_size and ecart_probable in m. A design that was refused has zeros and
+    its reason in `refused`.
+    """
+
+    values: Mapping[str, Array]
+    recovery: Array
+    undersize: Array
+    oversize: Array
+    intermediate: Array
+    transport_velocity: Array
+    residence_time: Array
+    hold_up: Array
+    undersize_recovery: Array
+    cut_size: Array
+    ecart_probable: Array
+    refused: Mapping[int, str] = field(default_factory=dict)
+
+    def frame(self) -> pd.DataFrame:
+        """Table by design: what was varied, product rates [kg/s] and figures."""
+        import pandas as pd
+
+        columns = {name: value for name, value in self.values.items() if value.ndim == 1}
+        columns["undersize_kg_s"] = self.undersize.sum(axis=1)
+        for k in range(self.intermediate.shape[1]):
+            columns[f"intermediate_{k + 1}_kg_s"] = self.intermediate[:, k].sum(axis=1)
+        columns["oversize_kg_s"] = self.oversize.sum(axis=1)
+        columns["undersize_recovery"] = self.undersize_recovery
+        columns["cut_size_m"] = self.cut_size
+        columns["ecart_probable_m"] = self.ecart_probable
+        columns["hold_up_kg"] = self.hold_up
+        columns["transport_velocity_m_s"] = self.transport_velocity
+        index = pd.RangeIndex(len(self.recovery), name="design")
+        return pd.DataFrame(columns, index=index)
+
+
+def solve_steady_many(
+    designs: ScreenConfig | Sequence[ScreenConfig],
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    threads: int | None = None,
+    refused: str = "raise",
+    progress: Callable[[int, int], None] | None = None,
+) -> SteadyTable:
+    """Steady states of many designs on all cores, each as `Screen.solve_steady` gives it.
+
+    designs: configurations of the same classes, models, and numbers of decks and panels; or one
+    configuration, and `values` by name of the FMU's variables, one number a design (or one for
+    all): such as {"deck[1].panel[1].aperture": apertures, "motion.frequency": frequencies}, in SI
+    units; "feed.mass_fraction" takes a row of fractions a design. threads: all cores unless given.
+    refused: "raise", or "mark" to go on and give the reasons in `SteadyTable.refused`. progress is
+    called with the number of designs done and of all. Raises InputError with the number of the
+    design for what a steady solution refuses, ConfigError for what a configuration refuses.
+    """
+    if refused not in ("raise", "mark"):
+        raise InputError(f'refused = {refused!r} is unknown: give "raise" or "mark"', "refused")
+    if isinstance(designs, ScreenConfig):
+        base, given = designs, _columns(designs, values or {})
+        settings, harmonics = _settings_of_values(base, given)
+    else:
+        if values:
+            raise InputError("values go with one configuration: give one of the two", "values")
+        base, given = _common(designs), {}
+        settings, harmonics = _settings_of_configs(designs)
+    result = _solve(base, settings, harmonics, threads, progress)
+    return _table(base, given, settings, result, refused)
+
+
+# --- what is asked for ---------------------------------------------------------------------------
+def _columns(config: ScreenConfig, values: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Values by name as columns of one length."""
+    columns: dict[str, Array] = {}
+    for name, value in values.items():
+        column = np.asarray(value, dtype=float)
+        rows = 2 if name == FEED_FRACTION else 1
+        if column.ndim not in (rows, rows - 1) or column.size == 0:
+            what = "a row of fractions a design" if rows == 2 else "one number a design"
+            raise InputError(f"{name} has the shape {column.shape}: give {what}", name)
+        if not np.isfinite(column).all():
+            place = int(np.argwhere(~np.isfinite(np.atleast_1d(column)))[0, 0])
+            raise InputError(f"{name} is not finite in design {place}: give finite numbers", name)
+        columns[name] = column
+    counts = {
+        name: len(column)
+        for name, column in columns.items()
+        if column.ndim == (2 if name == FEED_FRACTION else 1)
+    }
+    if len(set(counts.values())) > 1:
+        said = ", ".join(f"{name}: {count}" for name, count in counts.items())
+        raise InputError(f"values have different lengths ({said}): give one row a design", "values")
+    count = next(iter(counts.values()), 1)
+    classes = config.size_classes.count
+    for name, column in columns.items():
+        if name == FEED_FRACTION:
+            if column.shape[-1] != classes:
+                raise InputError(
+                    f"{name} has {column.shape[-1]} fractions a design, the screen has {classes} "
+                    "size classes: give one fraction a class",
+                    name,
+                )
+            columns[name] = np.broadcast_to(column, (count, classes))
+        else:
+            columns[name] = np.broadcast_to(column, (count,))
+    return columns
+
+
+def places(config: ScreenConfig, layout: Layout) -> dict[str, int]:
+    """Where the numbers that a sweep may change lie among parameters and inputs, by name."""
+    first = layout.section["parameters"].start
+    found: dict[str, int] = {}
+    for title, scalars in (("parameter", lay.PARAMETER), ("input", lay.INPUT)):
+        for k, scalar in enumerate(scalars):
+            if scalar not in FIXED:
+                found[VARIABLE[title, scalar][0]] = layout.offset[title] + k - first
+    for k in range(config.size_classes.count):
+        found[f"{FEED_FRACTION}[{k + 1}]"] = layout.offset["fraction"] + k - first
+    for d, deck in enumerate(config.decks):
+        found[f"deck[{d + 1}].width"] = layout.offset["width"] + d - first
+        for p in range(len(deck.panels)):
+            for k, scalar in enumerate(lay.PANEL):
+                name = f"deck[{d + 1}].panel[{p + 1}].{scalar}"
+                index = np.ravel_multi_index((d, p, k), layout.shape["panel"])
+                found[name] = layout.offset["panel"] + int(index) - first
+    return found
+
+
+def _settings_of_values(config: ScreenConfig, columns: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Settings [design, number] and harmonics of one configuration under columns of values."""
+    layout = slice_layout(config)
+    known = places(config, layout)
+    setting, harmonic = _setting(config, layout)
+    count = len(next(iter(columns.values()))) if columns else 1
+    settings = np.tile(setting, (count, 1))
+    for name, column in columns.items():
+        if name == FEED_FRACTION:
+            start = known[f"{FEED_FRACTION}[1]"]
+            settings[:, start : start + column.shape[1]] = column
+            continue
+        if name not in known:
+            raise InputError(
+                f"{name} is not a number that a sweep can change: the nearest is "
+                f"{nearest(name, known)}",
+                name,
+            )
+        _check_column(config, name, column)
+        settings[:, known[name]] = column
+    _follow_table(config, columns, settings, known)
+    _check_lengths(config, settings, known)
+    return settings, np.tile(harmonic, (count, 1))
+
+
+def _setting(config: ScreenConfig, layout: Layout) -> tuple[Array, Array]:
+    """Parameters and inputs of a configuration in a row, and its harmonics."""
+    buffer = layout.buffer()
+    fill(layout, buffer, config)
+    part = slice(layout.section["parameters"].start, layout.section["inputs"].stop)
+    return buffer[part].copy(), layout.view(buffer, "harmonic").ravel().copy()
+
+
+def _check_column(config: ScreenConfig, name: str, column: Array) -> None:
+    """Refuse what a configuration refuses; inputs are checked by the engine, design by design."""
+    entry = _entry_of(name)
+    if entry is None:
+        return
+    for value in (column.min(), column.max()):
+        try:
+            entry.check(name, float(value))
+        except ConfigError as error:
+            design = int(np.flatnonzero(column == value)[0])
+            raise ConfigError(f"design {design}: {error}") from None
+
+
+def _entry_of(name: str) -> Entry | None:
+    """The entry of a configuration that a name belongs to; None for an input."""
+    section, *_, last = name.split(".")
+    kind = SECTIONS.get("panel" if ".panel" in name else section.split("[")[0])
+    known = entries(kind) if kind is not None else {}
+    entry = known.get(last)
+    return entry if isinstance(entry, Number) else None
+
+
+def _follow_table(
+    config: ScreenConfig, columns: Mapping[str, Array], settings: Array, known: Mapping[str, int]
+) -> None:
+    """Read the passage velocity from its table where the aperture changes."""
+    name = "deck[1].panel[1].aperture"
+    table = config.passage.velocity_table
+    if table is None or name not in columns or "passage.velocity" in columns:
+        return
+    apertures, velocities = np.array(table).T
+    column = columns[name]
+    for value in (column.min(), column.max()):
+        config.passage.velocity_at(float(value))
+    settings[:, known["passage.velocity"]] = np.interp(column, apertures, velocities)
+
+
+def _check_lengths(config: ScreenConfig, settings: Array, known: Mapping[str, int]) -> None:
+    """Refuse decks of one box that differ in length."""
+    lengths = np.array(
+        [
+            sum(
+                settings[:, known[f"deck[{d}].panel[{p}].length"]]
+                for p in range(1, len(deck.panels) + 1)
+            )
+            for d, deck in enumerate(config.decks, start=1)
+        ]
+    )
+    differ = np.abs(lengths - lengths[0]).max(axis=0) > 1e-9 * lengths[0]
+    if differ.any():
+        design = int(np.flatnonzero(differ)[0])
+        said = ", ".join(f"{length:.6g} m" for length in lengths[:, design])
+        raise ConfigError(
+            f"design {design}: decks are {said} long: decks of one box are equally long, change "
+            "the lengths of the panels"
+        )
+
+
+def _common(configs: Sequence[ScreenConfig]) -> ScreenConfig:
+    """The first of some configurations; raises InputError where they are not of one structure."""
+    if len(configs) == 0:
+        raise InputError("designs is empty: give at least one configuration", "designs")
+
+    def structure(config: ScreenConfig) -> dict[str, object]:
+        return {
+            "size_classes": config.size_classes,
+            "deck": tuple(len(deck.panels) for deck in config.decks),
+            "passage.law": config.passage.law,
+            "segregation.model": config.segregation.model,
+            "displacement.model": config.displacement.model,
+            "bed.layers": config.bed.layers,
+            "solver": config.solver,
+        }
+
+    first = structure(configs[0])
+    for place, config in enumerate(configs):
+        for name, value in structure(config).items():
+            if value != first[name]:
+                raise InputError(
+                    f"designs[{place}] has another {name} than designs[0]: solve designs of one "
+                    "structure together",
+                    "designs",
+                )
+    return configs[0]
+
+
+def _settings_of_configs(configs: Sequence[ScreenConfig]) -> tuple[Array, Array]:
+    """Settings and harmonics of configurations of one structure."""
+    layout = slice_layout(configs[0])
+    rows = [_setting(config, layout) for config in configs]
+    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+
+# --- solving -------------------------------------------------------------------------------------
+def _solve(
+    config: ScreenConfig,
+    settings: Array,
+    harmonics: Array,
+    threads: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> Array:
+    """Rows of results, in the order of the settings, whatever the number of threads."""
+    check_supported(config)
+    count = len(settings)
+    layout = slice_layout(config, designs=CHUNK)
+    nodes = nodes_of(config)
+    rebuild = float(count > 1 and not (settings == settings[0]).all())
+    results = np.zeros((count, layout.shape["design_result"][1]))
+    starts = list(range(0, count, CHUNK))
+
+    def work(own: Sequence[int]) -> None:
+        buffer = layout.buffer()
+        fill(layout, buffer, config)
+        put_nodes(layout, buffer, nodes)
+        for start in own:
+            stop = min(start + CHUNK, count)
+            layout.view(buffer, "design")[: stop - start] = settings[start:stop]
+            layout.view(buffer, "design_harmonic")[: stop - start] = harmonics[start:stop]
+            run(buffer, SOLVE_MANY, float(stop - start), rebuild)
+            results[start:stop] = layout.view(buffer, "design_result")[: stop - start]
+            done.append(stop - start)
+            if progress is not None:
+                progress(sum(done), count)
+
+    done: list[int] = []
+    if threads is None:
+        threads = os.cpu_count() or 1
+        if hasattr(os, "sched_getaffinity"):
+            threads = len(os.sched_getaffinity(0))
+    workers = max(1, min(threads, len(starts)))
+    # Chunks in turn, so that neighbours of unlike cost are spread.
+    shares = [starts[k::workers] for k in range(workers)]
+    if workers == 1:
+        work(starts)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, shares))
+    return results
+
+
+def _table(
+    config: ScreenConfig,
+    given: Mapping[str, Array],
+    settings: Array,
+    results: Array,
+    refused: str,
+) -> SteadyTable:
+    """Results by name; raises for, or notes, the designs that were refused."""
+    layout = slice_layout(config)
+    figures = dict(zip(lay.FIGURE, results[:, : len(lay.FIGURE)].T, strict=True))
+    reasons: dict[int, str] = {}
+    for design in np.flatnonzero(figures["code"] != lay.ACCEPTED).tolist():
+        buffer = layout.buffer()
+        start = layout.section["parameters"].start
+        buffer[start : start + settings.shape[1]] = settings[design]
+        said = [figures[name][design] for name in ("code", "index", "value", "limit")]
+        error = refusal_of(layout, buffer, *said)
+        if refused == "raise":
+            raise InputError(f"design {design}: {error}", error.variable)
+        reasons[design] = str(error)
+    count, classes, decks = len(results), config.size_classes.count, len(config.decks)
+    rates = results[:, len(lay.FIGURE) :].reshape(count, lay.OVER + decks, classes)
+    products = rates[:, lay.UNDER :]
+    total = products.sum(axis=1)
+    return SteadyTable(
+        values=given,
+        recovery=np.divide(products[:, 0], total, out=np.zeros_like(total), where=total > 0.0),
+        undersize=products[:, 0],
+        oversize=products[:, 1],
+        intermediate=products[:, 2:],
+        refused=reasons,
+        **{
+            name: figures[name]
+            for name in (
+                "transport_velocity",
+                "residence_time",
+                "hold_up",
+                "undersize_recovery",
+                "cut_size",
+                "ecart_probable",
+            )
+        },
+    )
