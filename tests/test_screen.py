@@ -229,8 +229,11 @@ def test_fractions_are_ignored_while_nothing_is_fed(screen: Screen) -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"decks": (Deck(), Deck())}, "2 decks with 1 panels: give one"),
-        ({"decks": (Deck(2.0, (Panel(3.0), Panel(3.0))),)}, "1 decks with 2 panels: give one"),
+        ({"decks": (Deck(),) * 5}, "deck: 5 decks are more than a box has: give at most 4"),
+        (
+            {"decks": (Deck(), Deck(2.0, (Panel(6.0 / 65),) * 65))},
+            r"deck\[2\].panel: 65 panels are more than the 64 cells of a deck",
+        ),
         ({"solver": Solver(packages=20)}, "solver.packages = 20 is too little room for the 64"),
     ],
 )
@@ -250,6 +253,8 @@ def test_configurations_that_the_engine_cannot_run(changes: dict, text: str) -> 
         {"segregation": Segregation(velocity=0.0)},
         {"decks": (Deck(2.4, (Panel(inclination=86.0 * DEG),)),)},
         {"feed": Feed(0.0)},
+        {"decks": (Deck(),) * 4},
+        {"decks": (Deck(2.0, (Panel(6.0 / 64),) * 64), Deck())},
     ],
 )
 def test_what_the_configuration_takes_the_engine_runs(changes: dict) -> None:
@@ -676,7 +681,8 @@ def test_cut_size_is_not_above_the_aperture() -> None:
     """Nothing from the aperture on passes, however far the next size above it is."""
     classes = SizeClasses(tuple(d * MM for d in (0, 2, 4, 8, 16, 31.5, 63)), subdivision=1)
     fraction = (0.15, 0.10, 0.15, 0.20, 0.25, 0.15)
-    screen = Screen(ScreenConfig(classes, feed=Feed(10.0, fraction), bed=Bed(initial="steady")))
+    duty = {"feed": Feed(10.0, fraction), "bed": Bed(initial="steady")}
+    screen = Screen(ScreenConfig(classes, solver=Solver(1e-8), **duty))
     steady = screen.solve_steady()
     assert steady.undersize_recovery > 0.9
     assert 12 * MM < steady.cut_size <= 16 * MM

@@ -385,6 +385,7 @@ def _table(
     reasons: dict[int, str] = {}
     for design in np.flatnonzero(figures["code"] != lay.ACCEPTED).tolist():
         buffer = layout.buffer()
+        fill(layout, buffer, config)
         start = layout.section["parameters"].start
         buffer[start : start + settings.shape[1]] = settings[design]
         said = [figures[name][design] for name in ("code", "index", "value", "limit")]
