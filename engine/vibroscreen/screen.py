@@ -260,6 +260,19 @@ class Screen:
         whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
         return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
 
+    def switch(self, **skips: bool) -> None:
+        """Turn skips on or off by name (`SWITCH` in kernels/layout.py); all are on at first.
+
+        Raises InputError for an unknown name.
+        """
+        for name, on in skips.items():
+            if name not in lay.SWITCH:
+                raise InputError(
+                    f"{name} is no skip: give one of {', '.join(lay.SWITCH)}", "switch"
+                )
+            for layout, buffer in ((self.layout, self.buffer), (self._column, self._column_buffer)):
+                layout.view(buffer, "switch")[lay.SWITCH.index(name)] = float(on)
+
     def counters(self) -> dict[str, int]:
         """What was computed and what was skipped since the start."""
         return {k: int(v) for k, v in zip(lay.COUNTER, self.view("counter"), strict=True)}
@@ -330,6 +343,14 @@ def nodes_of(config: ScreenConfig) -> Nodes:
         for name in ("size", "node_class", "node_position", "node_weight")
     )
     return Nodes(size, node_class.astype(np.intp), position, weight)
+
+
+def _passage_factors(config: ScreenConfig, deck: Deck) -> list[float]:
+    """Velocity through the openings of each panel over that of the top deck's first panel."""
+    first = passage_velocity(config)
+    if config.passage.velocity_table is None or first == 0.0:
+        return [1.0] * len(deck.panels)
+    return [config.passage.velocity_at(panel.aperture) / first for panel in deck.panels]
 
 
 def slice_layout(config: ScreenConfig, designs: int = 1) -> Layout:
@@ -451,6 +472,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
         layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, cells)
+        layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())
     if nodes is not None:

@@ -258,15 +258,21 @@ def _follow_table(
     config: ScreenConfig, columns: Mapping[str, Array], settings: Array, known: Mapping[str, int]
 ) -> None:
     """Read the passage velocity from its table where the aperture changes."""
-    name = "deck[1].panel[1].aperture"
     table = config.passage.velocity_table
-    if table is None or name not in columns or "passage.velocity" in columns:
+    changed = [name for name in columns if name.endswith(".aperture")]
+    if table is None or not changed or "passage.velocity" in columns:
         return
+    name = "deck[1].panel[1].aperture"
+    if len(config.apertures) > 1:
+        raise InputError(
+            f"{changed[0]} changes under passage.velocity_table on a screen of several panels: "
+            "give passage.velocity, or configurations in the place of values",
+            changed[0],
+        )
     apertures, velocities = np.array(table).T
-    column = columns[name]
-    for value in (column.min(), column.max()):
+    for value in (columns[name].min(), columns[name].max()):
         config.passage.velocity_at(float(value))
-    settings[:, known["passage.velocity"]] = np.interp(column, apertures, velocities)
+    settings[:, known["passage.velocity"]] = np.interp(columns[name], apertures, velocities)
 
 
 def _check_lengths(config: ScreenConfig, settings: Array, known: Mapping[str, int]) -> None:
@@ -304,6 +310,7 @@ def _common(configs: Sequence[ScreenConfig]) -> ScreenConfig:
             "displacement.model": config.displacement.model,
             "bed.layers": config.bed.layers,
             "solver": config.solver,
+            "passage.velocity_table over panels": _passage_of_panels(config),
         }
 
     first = structure(configs[0])
@@ -316,6 +323,12 @@ def _common(configs: Sequence[ScreenConfig]) -> ScreenConfig:
                     "designs",
                 )
     return configs[0]
+
+
+def _passage_of_panels(config: ScreenConfig) -> tuple[float, ...] | None:
+    """Passage velocities of the panels, where they are not the same on all."""
+    speeds = tuple(config.passage.velocity_at(aperture) for aperture in config.apertures)
+    return speeds if len(set(speeds)) > 1 else None
 
 
 def _settings_of_configs(configs: Sequence[ScreenConfig]) -> tuple[Array, Array]:

@@ -355,6 +355,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "node_weight": ("nodes",),
         "panel_count": ("decks",),
         "panel_cells": ("decks", "panels"),
+        # passage velocity on a panel over that of the top deck's first one, by a table
+        "passage_factor": ("decks", "panels"),
     },
     "state": {
         "counter": (len(COUNTER),),
@@ -585,6 +587,7 @@ class Layout:
     AT_NODE_WEIGHT,
     AT_PANEL_COUNT,
     AT_PANEL_CELLS,
+    AT_PASSAGE_FACTOR,
     AT_COUNTER,
     AT_LEDGER,
     AT_INITIAL_MASS,

@@ -56,6 +56,7 @@ from vibroscreen.kernels.layout import (
     AT_OVERSIZE_FRACTION,
     AT_PANEL,
     AT_PARAMETER,
+    AT_PASSAGE_FACTOR,
     AT_REFUSAL,
     AT_SCENE,
     AT_SCENE_NOW,
@@ -465,7 +466,8 @@ def set_scene(buffer, deck, number, scene):
     scene[S_DENSITY] = parameter[BULK_DENSITY]
     scene[S_CONTACT_LOAD] = parameter[BULK_DENSITY] * parameter[CONTACT_DEPTH]
     scene[S_LAYER_LOAD] = parameter[BULK_DENSITY] * parameter[LAYER_DEPTH]
-    scene[S_PASSAGE_VELOCITY] = alive * parameter[PASSAGE_VELOCITY]
+    factor = vector(buffer, AT_PASSAGE_FACTOR, int(buffer[N_PANELS]), deck)[number]
+    scene[S_PASSAGE_VELOCITY] = alive * parameter[PASSAGE_VELOCITY] * factor
     scene[S_SEGREGATION_VELOCITY] = alive * parameter[SEGREGATION_VELOCITY]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
@@ -911,7 +913,7 @@ def advance(buffer, duration):
         return code
     memory = scalars(buffer, AT_MEMORY, len(MEMORY))
     scalars(buffer, AT_COUNTER, len(COUNTER))[C_STEPS] += 1.0
-    if memory[M_SETTLED] == 1.0:
+    if memory[M_SETTLED] == 1.0 and scalars(buffer, AT_SWITCH, len(SWITCH))[W_STEADY] > 0.0:
         steady_step(buffer, duration)
         return ACCEPTED
     settled = all_covered(buffer) or at_rest(buffer)
