@@ -53,6 +53,8 @@ def check_closed(screen: Screen) -> None:
     assert (balance.error.abs() <= CLOSURE * (balance.fed + balance.initial)).all(), balance
     # the table's own columns say the same within the round-off of plain sums
     plain = balance.initial + balance.fed - balance.undersize - balance.oversize - balance.held
+    for k in range(1, len(screen.config.decks)):
+        plain -= balance[f"intermediate_{k}"]
     assert (plain.abs() <= 1e-11 * (balance.fed + balance.initial)).all()
     result = screen.result()
     assert abs(result.balance_error - balance.error.sum()) <= 1e-13 * balance.fed.sum()

@@ -229,8 +229,11 @@ def test_fractions_are_ignored_while_nothing_is_fed(screen: Screen) -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"decks": (Deck(), Deck())}, "2 decks with 1 panels: give one"),
-        ({"decks": (Deck(2.0, (Panel(3.0), Panel(3.0))),)}, "1 decks with 2 panels: give one"),
+        ({"decks": (Deck(),) * 5}, "deck: 5 decks are more than a box has: give at most 4"),
+        (
+            {"decks": (Deck(), Deck(2.0, (Panel(6.0 / 65),) * 65))},
+            r"deck\[2\].panel: 65 panels are more than the 64 cells of a deck",
+        ),
         ({"solver": Solver(packages=20)}, "solver.packages = 20 is too little room for the 64"),
     ],
 )
@@ -250,6 +253,8 @@ def test_configurations_that_the_engine_cannot_run(changes: dict, text: str) -> 
         {"segregation": Segregation(velocity=0.0)},
         {"decks": (Deck(2.4, (Panel(inclination=86.0 * DEG),)),)},
         {"feed": Feed(0.0)},
+        {"decks": (Deck(),) * 4},
+        {"decks": (Deck(2.0, (Panel(6.0 / 64),) * 64), Deck())},
     ],
 )
 def test_what_the_configuration_takes_the_engine_runs(changes: dict) -> None:

@@ -282,6 +282,17 @@ def _no_conveying(config: ScreenConfig, layout: Layout, buffer: Array) -> InputE
             "velocity of the bed",
             "displacement.velocity",
         )
+    moves = frequency > 0.0 and (amplitude != 0.0 or layout.view(buffer, "harmonic").any())
+    if config.displacement.model == "prescribed" and moves:
+        for d, deck in enumerate(config.decks):
+            factors = layout.view(buffer, "panel")[d, : len(deck.panels), lay.VELOCITY_FACTOR]
+            if factors.min() == 0.0:
+                name = f"deck[{d + 1}].panel[{int(factors.argmin()) + 1}].velocity_factor"
+                return InputError(
+                    f"{name} = 0 does not convey, and a deck conveys on all of its panels or on "
+                    "none, so there is no steady state: give a factor above 0",
+                    name,
+                )
     return InputError(
         f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
         "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "

@@ -19,7 +19,13 @@ from vibroscreen.kernels.deck import (
     time_to_cover,
 )
 from vibroscreen.kernels.jit import inlined, kernel
-from vibroscreen.kernels.landing import clear_falls, clear_landing, lay_cohort, lay_records
+from vibroscreen.kernels.landing import (
+    clear_falls,
+    clear_landing,
+    fell_steadily,
+    lay_cohort,
+    lay_records,
+)
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_LANDING_START,
@@ -126,7 +132,11 @@ def start_cohorts_below(buffer):
     """Begin a cohort on every deck on which what falls has become steady."""
     for deck in range(1, int(buffer[N_DECKS])):
         book = deck_vector(buffer, deck)
-        if covered(buffer, deck - 1) and conveys(buffer, deck) and book[D_COHORT_ON] == 0.0:
+        steady = covered(buffer, deck - 1)
+        if deck == 1:
+            # What fell in a piece in which the top deck became steady is still to be laid.
+            steady = fell_steadily(buffer, 0)
+        if steady and conveys(buffer, deck) and book[D_COHORT_ON] == 0.0:
             start_cohort(buffer, deck, deck_vector(buffer, 0)[D_COHORT_FED])
 
 
@@ -136,7 +146,6 @@ def advance_under(buffer, deck, duration, share, moment, whole):
     book = deck_vector(buffer, deck)
     if covered(buffer, deck):
         stream_of_covered_deck(buffer, deck, duration)
-        pay_rest(buffer, deck)
         return
     if book[D_COHORT_ON] > 0.0:
         grow_cohort(buffer, deck, duration)
@@ -148,6 +157,8 @@ def advance_under(buffer, deck, duration, share, moment, whole):
     lay_records(buffer, deck, count, share, moment)
     lay_cohort(buffer, deck, count, share, whole - moment)
     advance_queue(buffer, deck, duration)
+    if covered(buffer, deck):
+        pay_rest(buffer, deck)
 
 
 @kernel
@@ -171,9 +182,13 @@ def place_packages(buffer, deck, duration):
 
 @kernel
 def pay_rest(buffer, deck):
-    """Book what round-off left between a cohort and the packages before it, once it covers."""
+    """Book what round-off left between a cohort and the packages before it, once it covers.
+
+    A debt that the oversize cannot bear stays until something falls on packages again.
+    """
     carry = node_vector(buffer, AT_CARRY, deck)
     oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
     for i in range(carry.size):
-        oversize[i] += carry[i]
-        carry[i] = 0.0
+        paid = max(carry[i], -oversize[i])
+        oversize[i] += paid
+        carry[i] -= paid

@@ -376,6 +376,17 @@ def land_on(buffer, row, area, time):
 
 
 @kernel
+def refer_to_landing(buffer, deck, index, row):
+    """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
+    reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, index))
+    landing = node_vector(buffer, AT_LANDING, row)
+    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+    for i in range(reference.size):
+        if landing[i] > 0.0:
+            reference[i] += landing[i] / area
+
+
+@kernel
 def ride(buffer, deck, index, row, duration):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
@@ -490,12 +501,14 @@ def advance_package(buffer, deck, index, row, rear, duration):
     if conveys(buffer, deck):
         end = residence_time(buffer, AT_SCENE, deck)
         whole = min(duration, max(0.0, end - rear - span))
-        if whole < MOMENT * span:
+        if whole < min(duration, MOMENT * span):
             whole = 0.0
         over = min(duration, max(0.0, end - rear)) - whole
         rest = min(rest, end - rear - duration)
         if rest < MOMENT * end / buffer[N_CELLS]:
             rest = 0.0
+        if rest >= span:
+            whole, over = whole + over, 0.0
     if idle(buffer, deck, index, row):
         vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES_SKIPPED] += 1.0
         ride_over(buffer, deck, index, rear + 0.5 * span + whole)
@@ -504,6 +517,8 @@ def advance_package(buffer, deck, index, row, rear, duration):
         elif rest < span:
             length[index] = rest * package_velocity(buffer, deck, index)
         return length[index]
+    if deck > 0:
+        refer_to_landing(buffer, deck, index, row)
     ride_panels(buffer, deck, index, row, rear + 0.5 * span, whole, whole + over)
     if rest < span and over > 0.0:
         rest *= package_velocity(buffer, deck, index)
@@ -836,7 +851,7 @@ def grow_cohort(buffer, deck, duration):
         step = min(left, until)
         if celled and step > 0.0:
             advance_lead(buffer, deck, step)
-        if until > left:
+        if until > left and book[D_COHORT_FRONT] + left < target:
             book[D_COHORT_FRONT] += left
         else:
             book[D_COHORT_FRONT] = target

@@ -30,6 +30,7 @@ from vibroscreen.kernels.layout import (
     AT_SCENE,
     AT_SOURCE,
     D_COHORT_FRONT,
+    D_COVERED,
     D_KNOT,
     D_KNOTS,
     D_LEAD_PANEL,
@@ -93,6 +94,8 @@ def record_knot(buffer, place):
         after[i] = width * passing[i]
         if not again:
             before[i] = after[i]
+        if not again or knot > 0:
+            # Also what has just passed at once, as sizes that are used up do.
             total[i] = first * before_passed[i] + here * passed[i]
     if not again:
         places[knot] = place
@@ -221,11 +224,18 @@ def fall_vector(buffer, deck, row):
 
 @kernel
 def clear_falls(buffer, deck):
-    """Forget what fell from a deck."""
-    vector(buffer, AT_FALL_COUNT, 4, deck)[0] = 0.0
+    """Forget what fell from a deck; what falls from now on is steady if the deck is."""
+    count = vector(buffer, AT_FALL_COUNT, 4, deck)
+    count[0], count[1] = 0.0, deck_vector(buffer, deck)[D_COVERED]
     fallen = node_vector(buffer, AT_FALL_COHORT, deck)
     for i in range(fallen.size):
         fallen[i] = 0.0
+
+
+@kernel
+def fell_steadily(buffer, deck):
+    """Whether the deck was steady when what fell from it began to fall."""
+    return vector(buffer, AT_FALL_COUNT, 4, deck)[1] == 1.0
 
 
 @kernel
@@ -331,16 +341,13 @@ def lay_cohort(buffer, deck, count, share, moment):
             due[i] = 0.0
     if last < 0:
         return
-    front = min(
-        deck_length(buffer, above),
-        place_after(buffer, AT_SCENE, above, max(0.0, upper[D_COHORT_FRONT] - moment)),
-    )
+    front = deck_length(buffer, above)
+    if not fell_steadily(buffer, above):
+        ridden = max(0.0, upper[D_COHORT_FRONT] - moment)
+        front = min(front, place_after(buffer, AT_SCENE, above, ridden))
     rear = min(front, here[last])
     passed_up_to(buffer, above, rear, low)
     passed_up_to(buffer, above, front, whole)
-    for i in range(nodes):
-        rest = whole[i] - low[i]
-        whole[i] = due[i] / rest if rest > 0.0 else 0.0
     # The rear package is the last: it starts where the cohort ends; the others follow.
     for package in range(last, -1, -1):
         if there[package] <= here[package] or here[package] >= front:
@@ -348,7 +355,8 @@ def lay_cohort(buffer, deck, count, share, moment):
         passed_up_to(buffer, above, min(front, there[package]), high)
         landing = node_vector(buffer, AT_LANDING, package)
         for i in range(nodes):
-            part = min(due[i], whole[i] * max(0.0, high[i] - low[i]))
+            rest = whole[i] - low[i]
+            part = due[i] * min(1.0, max(0.0, high[i] - low[i]) / rest) if rest > 0.0 else 0.0
             landing[i] += part
             due[i] -= part
             low[i] = max(low[i], high[i])

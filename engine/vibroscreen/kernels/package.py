@@ -93,6 +93,7 @@ from vibroscreen.kernels.layout import (
 from vibroscreen.kernels.passage import PELEVIN, passage_probability
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
+    NOTHING,
     PROPORTIONAL,
     gap_radius,
     layer_mass,
@@ -317,7 +318,7 @@ def fill_block(buffer, load, reference, layers, coarse):
             compact_size[n] = size[i]
             weight[n] += reference[i]
     for n in range(count):
-        weight[n] = 1.0 / weight[n] if weight[n] > 0.0 else 0.0
+        weight[n] = 1.0 / weight[n] if weight[n] > NOTHING else 0.0
     for k in range(terms):
         for i in range(nodes):
             n = int(place[i])
@@ -545,7 +546,7 @@ def keep_top_share(buffer, layers):
     below = max(0, layers - 2)
     row = layers - 1 if top > 0.0 else below
     mass = top if top > 0.0 else layer_mass(load, below)
-    scale = 1.0 / mass if mass > 0.0 else 0.0
+    scale = 1.0 / mass if mass > NOTHING else 0.0
     for i in range(share.size):
         share[i] = scale * load[row, i]
 

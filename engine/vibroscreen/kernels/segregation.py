@@ -26,6 +26,8 @@ from vibroscreen.kernels.layout import (
 )
 
 WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
+# Less than this has no composition: its inverse would not be a finite number, kg/m2.
+NOTHING = 1e-280
 
 _RADIUS_FACTOR = 2.0 * sqrt(3.0) / 3.0
 _HEXAGON_FACTOR = sqrt(3.0)
@@ -100,7 +102,7 @@ def size_moment(load, row, size):
 def well_mixed(size, load, layers, scene, contact, percolation):
     """The contact layer has the mean composition of the bed (the classical first-order model)."""
     mass = layer_mass(load, 0)
-    share = 1.0 / mass if mass > 0.0 else 0.0
+    share = 1.0 / mass if mass > NOTHING else 0.0
     for i in range(size.size):
         contact[i] = share
 
@@ -109,13 +111,14 @@ def well_mixed(size, load, layers, scene, contact, percolation):
 def classified(size, load, layers, scene, contact, percolation):
     """The finest grains of the bed, as many as the contact layer holds, mixed."""
     held = min(layer_mass(load, 0), scene[S_CONTACT_LOAD])
+    share = 1.0 / held if held > NOTHING else 0.0
     left = held
     for i in range(size.size):
         taken = min(load[0, i], left)
-        contact[i] = taken / (load[0, i] * held) if taken > 0.0 else 0.0
+        contact[i] = taken / load[0, i] * share if taken > 0.0 else 0.0
         left -= taken
         if load[0, i] == 0.0 and left > 0.0:
-            contact[i] = 1.0 / held
+            contact[i] = share
 
 
 @kernel
@@ -123,7 +126,7 @@ def proportional(size, load, layers, scene, contact, percolation):
     """Contact composition (1 - chi) mean + chi classified (the paper's original separation)."""
     classified(size, load, layers, scene, contact, percolation)
     mass = layer_mass(load, 0)
-    share = 1.0 / mass if mass > 0.0 else 0.0
+    share = 1.0 / mass if mass > NOTHING else 0.0
     chi = scene[S_PROPORTION]
     for i in range(size.size):
         contact[i] = (1.0 - chi) * share + chi * contact[i]
