@@ -15,7 +15,7 @@ made. Where the deck stands still (or creeps) the feed lands on top of a pile.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import inlined, kernel
+from vibroscreen.kernels.jit import inlined, kernel, viewing
 from vibroscreen.kernels.landing import fall_row, fall_vector, lead_source, record_nothing
 from vibroscreen.kernels.layout import (
     AT_CARRY,
@@ -224,7 +224,7 @@ def panel_of(buffer, deck, index):
     return int(package_vector(buffer, AT_ON_PANEL, deck)[index])
 
 
-@kernel
+@viewing
 def package_scene(buffer, deck, index):
     """Scene of the panel on which a package counts."""
     return scene_vector(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))

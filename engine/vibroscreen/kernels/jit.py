@@ -32,9 +32,22 @@ def kernel(function: Callable[..., Any]) -> Any:
     numba compares only the file of the kernel itself and would run what was compiled against an
     older version of a kernel that it calls; it also compiles anew for every constant argument.
     """
+    # Kernels allocate nothing, and what they view is owned by who called them: counting references
+    # would only be calls in every loop.
+    return _compiled(function, counted=False)
+
+
+def viewing(function: Callable[..., Any]) -> Any:
+    """A kernel that gives a view of the buffer, which numba allows only where it counts."""
+    return _compiled(function, counted=True)
+
+
+def _compiled(function: Callable[..., Any], *, counted: bool) -> Any:
     # error_model="numpy": a division by zero gives inf, not an exception path in every loop.
     # No fastmath: it deletes NaN guards and reorders sums.
-    dispatcher = njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
+    dispatcher = njit(
+        cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, _nrt=counted
+    )(function)
     if config.DISABLE_JIT:
         return dispatcher
     cache = dispatcher._cache
@@ -58,7 +71,7 @@ def inlined(function: Callable[..., Any]) -> Any:
     Every level of compiled calls is optimised again with all that lies below it: fewer levels
     make compiling several times faster.
     """
-    return njit(inline="always", error_model="numpy")(function)
+    return njit(inline="always", error_model="numpy", _nrt=False)(function)
 
 
 def is_ready(dispatcher: Any) -> bool:
@@ -114,12 +127,12 @@ else:
 
         return types.CPointer(types.float64)(buffer, types.intp), generate
 
-    @kernel
+    @viewing
     def view1(buffer, offset, size):
         """View of `size` numbers of the flat buffer from `offset` on; no copy, no allocation."""
         return carray(_pointer(buffer, offset), (size,))
 
-    @kernel
+    @viewing
     def view2(buffer, offset, rows, columns):
         """Matrix view of the flat buffer."""
         return carray(_pointer(buffer, offset), (rows, columns))

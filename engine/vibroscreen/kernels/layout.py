@@ -14,7 +14,7 @@ from math import prod
 
 import numpy as np
 
-from vibroscreen.kernels.jit import kernel, view1, view2
+from vibroscreen.kernels.jit import kernel, view1, view2, viewing
 
 # --- scalars of a vector field, in order -------------------------------------------------------
 PARAMETER = (
@@ -608,55 +608,55 @@ class Layout:
 ) = range(len(DIMENSION), HEADER_SIZE)
 
 
-@kernel
+@viewing
 def vector(buffer, at, size, row):
     """Row `row` of a field of rows of `size` numbers."""
     return view1(buffer, int(buffer[at]) + row * size, size)
 
 
-@kernel
+@viewing
 def node_vector(buffer, at, row):
     """Row `row` of a field of node vectors."""
     return vector(buffer, at, int(buffer[N_NODES]), row)
 
 
-@kernel
+@viewing
 def class_vector(buffer, at, row):
     """Row `row` of a field of class vectors."""
     return vector(buffer, at, int(buffer[N_CLASSES]), row)
 
 
-@kernel
+@viewing
 def package_vector(buffer, at, deck):
     """What a field holds for every package slot of a deck."""
     return vector(buffer, at, int(buffer[N_PACKAGES]), deck)
 
 
-@kernel
+@viewing
 def deck_vector(buffer, deck):
     """Book-keeping of a deck, indices D_*."""
     return vector(buffer, AT_DECK, len(DECK), deck)
 
 
-@kernel
+@viewing
 def scene_vector(buffer, at, deck, panel):
     """Scene of a panel, indices S_*."""
     return vector(buffer, at, len(SCENE), deck * int(buffer[N_PANELS]) + panel)
 
 
-@kernel
+@viewing
 def panel_vector(buffer, deck, panel):
     """Parameters of a panel, indices LENGTH to VELOCITY_FACTOR."""
     return vector(buffer, AT_PANEL, len(PANEL), deck * int(buffer[N_PANELS]) + panel)
 
 
-@kernel
+@viewing
 def scalars(buffer, at, size):
     """A field of `size` numbers."""
     return view1(buffer, int(buffer[at]), size)
 
 
-@kernel
+@viewing
 def column(buffer, at, index):
     """Column `index` of a field of columns: areal mass [layer, node]."""
     layers = int(buffer[N_LAYERS])

@@ -16,7 +16,7 @@ from math import ceil, cosh, log, sinh
 
 import numpy as np
 
-from vibroscreen.kernels.jit import inlined, kernel, view1, view2
+from vibroscreen.kernels.jit import inlined, kernel, view1, view2, viewing
 from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
@@ -164,19 +164,19 @@ I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
 
 
 # --- the compact column --------------------------------------------------------------------------
-@kernel
+@viewing
 def active_vector(buffer, at, row):
     """Row `row` of a field of vectors over the sizes that take part."""
     return vector(buffer, at, int(buffer[N_ACTIVE]), row)
 
 
-@kernel
+@viewing
 def active_column(buffer, at):
     """A work column over the sizes that take part."""
     return view2(buffer, int(buffer[at]), int(buffer[N_LAYERS]), int(buffer[N_ACTIVE]))
 
 
-@kernel
+@viewing
 def block(buffer, at, index):
     """A block as one vector: row 0 is what passed, then the loads of the layers."""
     rows = int(buffer[N_LAYERS]) + 1
@@ -184,7 +184,7 @@ def block(buffer, at, index):
     return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
 
 
-@kernel
+@viewing
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
     rows = int(buffer[N_LAYERS]) + 1
@@ -192,7 +192,7 @@ def block_passed(buffer, at, index):
     return view1(buffer, start, int(buffer[N_ACTIVE]))
 
 
-@kernel
+@viewing
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
     rows = int(buffer[N_LAYERS]) + 1

@@ -19,7 +19,7 @@ from vibroscreen.kernels.deck import (
     start_cohort,
 )
 from vibroscreen.kernels.displacement import GRAVITY, compose_motion, prescribed, rigid_body
-from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2
+from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2, viewing
 from vibroscreen.kernels.layout import (
     ACCEPTED,
     ALARM_BED_DEPTH,
@@ -777,7 +777,7 @@ def write_state(buffer):
     output[BALANCE_ERROR] = balance_error(buffer)
 
 
-@kernel
+@viewing
 def deck_bed(buffer, deck):
     """Outputs of the bed on a deck, indices DECK_*."""
     return vector(buffer, AT_DECK_BED, len(DECK_BED), deck)
