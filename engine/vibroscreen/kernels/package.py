@@ -294,6 +294,15 @@ def gather(buffer, scene, load, reference, layers):
 
 
 @kernel
+def places_kept(place):
+    """Number of the first sizes that have the same place in a block as in a column."""
+    kept = 0
+    while kept < place.size and place[kept] == kept:
+        kept += 1
+    return kept
+
+
+@kernel
 def fill_block(buffer, load, reference, layers, coarse):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     nodes = load.shape[1]
@@ -325,8 +334,11 @@ def fill_block(buffer, load, reference, layers, coarse):
             if n >= 0:
                 landing[k, n] = source[k, i]
     rows = block_load(buffer, AT_STAGE, NOW)
+    straight = min(coarse, places_kept(place))
     for j in range(layers):
-        for i in range(coarse):
+        for i in range(straight):
+            rows[j, i] = load[j, i]
+        for i in range(straight, coarse):
             n = int(place[i])
             if n >= 0:
                 rows[j, n] = load[j, i]
@@ -353,9 +365,18 @@ def scatter(buffer, load, layers, rows, elapsed):
             continue
         passed[i] += share[i] * gone[n]
         passed_time[i] += share[i] * gone_time[n]
-        for j in range(rows):
-            load[j, i] = share[i] * now[j, n] if j < layers else 0.0
-            time[j, i] += share[i] * integral[j, n]
+    # Most sizes keep their places: plain copies, which are fast.
+    straight = places_kept(place)
+    for j in range(rows):
+        left = 1.0 if j < layers else 0.0
+        for i in range(straight):
+            load[j, i] = left * (share[i] * now[j, i])
+            time[j, i] += share[i] * integral[j, i]
+        for i in range(straight, nodes):
+            n = int(place[i])
+            if n >= 0:
+                load[j, i] = left * (share[i] * now[j, n])
+                time[j, i] += share[i] * integral[j, n]
 
 
 # --- layers --------------------------------------------------------------------------------------
@@ -554,15 +575,12 @@ def keep_top_share(buffer, layers):
 @kernel
 def fastest_rate(buffer, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
-    weight = active_vector(buffer, AT_NODE_WORK, 0)
+    nodes = int(buffer[N_ACTIVE])
+    fastest = largest_of(view2(buffer, int(buffer[AT_NODE_WORK]), 1, nodes), 0)
     percolation = active_column(buffer, AT_PERCOLATION)
-    fastest = 0.0
-    for i in range(weight.size):
-        fastest = max(fastest, weight[i])
     exchange = 0.0
     for j in range(1, layers):
-        for i in range(weight.size):
-            exchange = max(exchange, percolation[j, i])
+        exchange = max(exchange, largest_of(percolation, j))
     return max(fastest + exchange, 3.0 * exchange)
 
 
@@ -616,6 +634,37 @@ def mean_landing(source, i, terms, h, moment):
     return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
 
 
+@kernel
+def worst_of(error, weight):
+    """Largest product of two vectors, not below 0; four side by side, as in `vector_sum`."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = error.size - error.size % 4
+    for i in range(0, whole, 4):
+        a = max(a, error[i] * weight[i])
+        b = max(b, error[i + 1] * weight[i + 1])
+        c = max(c, error[i + 2] * weight[i + 2])
+        d = max(d, error[i + 3] * weight[i + 3])
+    for i in range(whole, error.size):
+        a = max(a, error[i] * weight[i])
+    return max(max(a, b), max(c, d))
+
+
+@kernel
+def largest_of(values, row):
+    """Largest number of a row of a matrix, not below 0."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    count = values.shape[1]
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        a = max(a, values[row, i])
+        b = max(b, values[row, i + 1])
+        c = max(c, values[row, i + 2])
+        d = max(d, values[row, i + 3])
+    for i in range(whole, count):
+        a = max(a, values[row, i])
+    return max(max(a, b), max(c, d))
+
+
 # --- the explicit pair ---------------------------------------------------------------------------
 @kernel
 def stage_value(buffer, stage, h, size):
@@ -663,10 +712,7 @@ def explicit_error(buffer, h, layers):
             one = E1 * k1[n] + E3 * k3[n] + E4 * k4[n] + E5 * k5[n] + E6 * k6[n] + E7 * k7[n]
             before = 0.0 if row == 0 else error[i]
             error[i] = before + share * abs(one)
-    worst = 0.0
-    for i in range(nodes):
-        worst = max(worst, error[i] * weight[i])
-    return worst
+    return worst_of(error, weight)
 
 
 @kernel
@@ -685,15 +731,15 @@ def integrate_stages(buffer, h, size):
 def take_explicit(buffer, size, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
-    least = 0.0
+    debts = 0
     for i in range(size):
         y[i] = new[i]
-        least = min(least, new[i])
+        debts += 1 if new[i] < 0.0 else 0
     if last_rates:
         k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
         for i in range(size):
             k1[i] = k7[i]
-    return least >= 0.0
+    return debts == 0
 
 
 @inlined
@@ -755,10 +801,7 @@ def positive_error(buffer, h, layers):
             n = start + i
             before = 0.0 if row == 0 else error[i]
             error[i] = before + share * abs(3.0 * k4[n] - (k1[n] + k2[n] + k3[n]))
-    worst = 0.0
-    for i in range(nodes):
-        worst = max(worst, error[i] * weight[i])
-    return worst
+    return worst_of(error, weight)
 
 
 @kernel
@@ -865,10 +908,7 @@ def third_order_error(buffer, h, layers):
             one = 0.8 * (y[n] - new[n]) + 0.4 * h * (k1[n] + k7[n])
             before = 0.0 if row == 0 else error[i]
             error[i] = before + share * abs(one)
-    worst = 0.0
-    for i in range(nodes):
-        worst = max(worst, error[i] * weight[i])
-    return worst
+    return worst_of(error, weight)
 
 
 @kernel
@@ -1032,10 +1072,10 @@ def carry_debts(flux, load, rows):
 def pay_integral(buffer, rows):
     """Pay the debts of the time integrals, if there are any."""
     total = block(buffer, AT_STAGE, INTEGRAL)
-    least = 0.0
+    debts = 0
     for i in range((rows + 1) * int(buffer[N_ACTIVE])):
-        least = min(least, total[i])
-    if least < 0.0:
+        debts += 1 if total[i] < 0.0 else 0
+    if debts > 0:
         gone, load = (
             block_passed(buffer, AT_STAGE, INTEGRAL),
             block_load(buffer, AT_STAGE, INTEGRAL),
