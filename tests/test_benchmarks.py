@@ -294,12 +294,11 @@ def test_error_falls_and_work_rises_with_the_tolerance(costs: tuple[dict, Path])
 
 
 def test_work_grows_no_faster_than_the_number_of_layers() -> None:
-    """Evaluations of rates, which no clock disturbs: nearly the same for beds of any depth."""
+    """Evaluations of rates, which no clock disturbs: a deeper bed of such layers needs no more."""
     rates = [
         step_cost.Solution(step_cost.deep_deck(n, 0.01 * n, 0.01)).rates() for n in (4, 16, 64)
     ]
-    assert rates == sorted(rates)
-    assert step_cost.slope([4, 16, 64], rates) < 0.5
+    assert step_cost.slope([4, 16, 64], rates) < 0.1
 
 
 def test_packages_follow_the_cells(costs: tuple[dict, Path]) -> None:

@@ -726,11 +726,12 @@ def draw(result: Row, path: Path) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(17, 9.5), layout="constrained")
     steps, later, steady, grown, skipped, ways = axes.flat
     names = list(result["steps"])
+    upright: Row = {"fontsize": 7, "rotation": 90, "padding": 2}
     for k, scene in enumerate(STEPS):
         costs = [result["steps"][name]["us"][scene] for name in names]
         places = np.arange(len(names)) + 0.16 * (k - 2)
         bars = steps.bar(places, costs, 0.15, label=scene, color=f"C{k}")
-        steps.bar_label(bars, [f"{c:.3g}" for c in costs], fontsize=7, rotation=90, padding=2)
+        steps.bar_label(bars, [f"{c:.2f}" if c < 10 else f"{c:.0f}" for c in costs], **upright)
     steps.set(yscale="log", ylabel="a step of 1 s [us]", title="Steps by what changes every step")
     steps.set_xticks(range(len(names)), names)
     steps.set_ylim(top=steps.get_ylim()[1] * 12)
@@ -760,7 +761,8 @@ def draw(result: Row, path: Path) -> None:
     line = np.array([5.0, 500.0])
     grown.loglog(line, 0.6 * lowest * line / 5.0, "k--", lw=1, label="linear")
     grown.set(xlabel="number", ylabel="time [us]", title="Growth of the cost")
-    grown.legend(fontsize=7.5)
+    grown.set_ylim(top=40 * max(max(row["us"]) for row in result["growth"]))
+    grown.legend(fontsize=7.5, loc="upper left")
     labels = [f"{row['switch']}\n{row['scene']}" for row in result["skips"]]
     ratios = [row["ratio"] for row in result["skips"]]
     bars = skipped.barh(labels, ratios, color="C2")
