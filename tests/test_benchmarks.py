@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests import exact
+from tests.benchmarks import dem_scale, import_time, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -23,6 +25,7 @@ from tests.benchmarks.baseline import (
 )
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Segregation, Solver
+from vibroscreen.kernels import layout as lay
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()
@@ -253,3 +256,81 @@ def test_settings_at_a_level_reach_it(result: tuple[dict[str, dict], Path]) -> N
     assert scenes["d"]["rmse_to_measured"] < 0.06
     for name in ("f1", "f2"):
         assert scenes[name]["reference_change"] < 1e-4
+
+
+# --- cost: structure and order, no seconds ------------------------------------------------------
+@pytest.fixture(scope="module")
+def costs(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
+    folder = tmp_path_factory.mktemp("step_cost")
+    return step_cost.main(3, folder, quick=True, fmu=False), folder
+
+
+def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
+    result, folder = costs
+    written = json.loads((folder / "step_cost.json").read_text())
+    assert set(written["steps"]) == set(step_cost.screens())
+    assert (folder / "step_cost.png").stat().st_size > 20_000
+    for row in result["steps"].values():
+        assert tuple(row["us"]) == step_cost.STEPS
+        assert all(0.0 < cost < math.inf for cost in row["us"].values())
+    assert [row["switch"] for row in result["skips"]] == list(lay.SWITCH)
+    assert {row["what"] for row in result["targets"]} >= {"new frequency every step, us"}
+
+
+def test_every_skip_works_and_changes_nothing(costs: tuple[dict, Path]) -> None:
+    for row in costs[0]["skips"]:
+        assert row["works"], row
+        assert row["difference"] < 1e-4, row
+    for counted in costs[0]["steps"]["default"]["counted"].values():
+        assert counted["packages_integrated"] > 10.0
+
+
+def test_error_falls_and_work_rises_with_the_tolerance(costs: tuple[dict, Path]) -> None:
+    for rows in costs[0]["steady"].values():
+        errors, nodes = [r["error"] for r in rows], [r["nodes"] for r in rows]
+        assert errors == sorted(errors, reverse=True)
+        assert nodes == sorted(nodes)
+        assert all(row["error"] <= row["tolerance"] for row in rows)
+
+
+def test_work_grows_no_faster_than_the_number_of_layers() -> None:
+    """Evaluations of rates, which no clock disturbs: a deeper bed of such layers needs no more."""
+    rates = [
+        step_cost.Solution(step_cost.deep_deck(n, 0.01 * n, 0.01)).rates() for n in (4, 16, 64)
+    ]
+    assert step_cost.slope([4, 16, 64], rates) < 0.1
+
+
+def test_packages_follow_the_cells(costs: tuple[dict, Path]) -> None:
+    rows = {row["title"]: row for row in costs[0]["growth"]}
+    for title in ("packages", "packages, no spare room"):
+        assert rows[title]["number"] == sorted(rows[title]["number"])
+    assert all(math.isfinite(row["slope"]) for row in rows.values())
+
+
+def test_dem_cases_are_those_of_the_data(tmp_path: Path) -> None:
+    config, areal_mass, spheres = dem_scale.batch()
+    assert spheres == 2317
+    assert areal_mass / (2650.0 * 0.58) == pytest.approx(0.035, rel=0.1)  # nominal bed
+    assert sum(config.feed.mass_fraction) == pytest.approx(1.0, abs=1e-12)
+    found = dem_scale.main(1, tmp_path)
+    for row in found["rows"]:
+        assert row["ratio"] > 1.0
+        assert 0.0 < row["undersize_recovery"] <= 1.0
+    steps, steady = found["rows"][1:]
+    assert steps["undersize_recovery"] == pytest.approx(steady["undersize_recovery"], abs=1e-4)
+    assert json.loads((tmp_path / "dem_scale.json").read_text())["constants_fitted"] is False
+
+
+def test_start_is_timed_in_fresh_processes(tmp_path: Path) -> None:
+    cache = Path(os.environ["NUMBA_CACHE_DIR"])
+    laps = import_time.medians([import_time.run_fresh(import_time.FIRST, cache)])
+    assert list(laps) == [
+        "import vibroscreen",
+        "first screen",
+        "first step",
+        "first steady solution",
+    ]
+    assert all(0.0 < lap < math.inf for lap in laps.values())
+    with pytest.raises(RuntimeError, match="no_such_module"):
+        import_time.run_fresh("import no_such_module", cache)
