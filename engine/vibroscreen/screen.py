@@ -20,7 +20,7 @@ from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
-from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, run
+from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.step import PRESCRIBED
@@ -156,6 +156,7 @@ class Screen:
         self.layout = _layout(config, self.nodes.count, packages=True)
         self.buffer = self.layout.buffer()
         fill(self.layout, self.buffer, config, self.nodes)
+        self._memory = self.view("memory")
         self._column = _layout(config, self.nodes.count, packages=False)
         self._column_buffer = self._column.buffer()
         fill(self._column, self._column_buffer, config, self.nodes)
@@ -209,6 +210,11 @@ class Screen:
             )
         self.buffer[part] = np.frombuffer(blob)
 
+    def read(self) -> None:
+        """Bring outputs up to date that are found only when they are read: sizes of the cut."""
+        if self._memory[lay.M_UNREAD] > 0.0:
+            run(self.buffer, READ, 0.0, 0.0)
+
     # --- for people ---------------------------------------------------------------------------
     def step(self, dt: float, feed: Feed | None = None, motion: Motion | None = None) -> StepResult:
         """Advance by `dt` s under a feed and a motion (the last ones unless given).
@@ -228,6 +234,7 @@ class Screen:
 
     def result(self) -> StepResult:
         """What the last step gave."""
+        self.read()
         output = dict(zip(lay.OUTPUT, self.view("output").tolist(), strict=True))
         alarms = (name for name, value in output.items() if name.startswith("alarm_") and value)
         return StepResult(

@@ -220,6 +220,7 @@ class ScreenSlave(Fmi2Slave):
         places = self._remembered.get(key)
         if places is None:
             places = self._remember(key, self._places(vrs, kinds))
+        self._screen.read()
         return self._values[places]
 
     def _set(self, vrs: list[int], kinds: tuple[str, ...], values: Sequence[Any]) -> None:

@@ -13,7 +13,7 @@ from vibroscreen.kernels.steady import (
     solve_steady,
     start_slice,
 )
-from vibroscreen.kernels.step import advance, initialise
+from vibroscreen.kernels.step import advance, initialise, read_partition
 
 (
     INITIALISE,
@@ -25,7 +25,8 @@ from vibroscreen.kernels.step import advance, initialise
     SOLVE,
     SOLVE_MANY,
     PLACE_NODES,
-) = range(9)
+    READ,
+) = range(10)
 
 
 @kernel
@@ -34,7 +35,7 @@ def run(buffer, command, first, second):
 
     INITIALISE; ADVANCE first = s; START_SLICE; START_BELOW first = deck; LAY_BATCH first = kg/m2,
     second = s to come; FOLLOW first = s, second = deck; SOLVE; SOLVE_MANY first = designs, second =
-    whether nodes change; PLACE_NODES.
+    whether nodes change; PLACE_NODES; READ what is found only when it is read.
     """
     if command == INITIALISE:
         return initialise(buffer)
@@ -46,6 +47,8 @@ def run(buffer, command, first, second):
         return solve_steady(buffer)
     if command == SOLVE_MANY:
         solve_many(buffer, int(first), second)
+    elif command == READ:
+        read_partition(buffer)
     elif command == PLACE_NODES:
         place_nodes(buffer)
     elif command == START_BELOW:

@@ -219,8 +219,8 @@ DECK = (
 ) = range(len(DECK))
 
 # What an instance remembers besides.
-MEMORY = ("settled",)
-(M_SETTLED,) = range(len(MEMORY))
+MEMORY = ("settled", "unread")
+M_SETTLED, M_UNREAD = range(len(MEMORY))
 
 # What was done and what was skipped.
 COUNTER = (
@@ -242,6 +242,7 @@ COUNTER = (
     "empty_sizes_skipped",
     "used_up_sizes_skipped",
     "merges",
+    "partitions",
 )
 (
     C_STEPS,
@@ -262,6 +263,7 @@ COUNTER = (
     C_EMPTY_SKIPPED,
     C_USED_UP_SKIPPED,
     C_MERGES,
+    C_PARTITIONS,
 ) = range(len(COUNTER))
 
 # What may be left out, each with its counter; 1 = on (the default), 0 = off.
@@ -274,6 +276,7 @@ SWITCH = (
     "shared_trajectory",
     "steady_scene",
     "displacement",
+    "partition",
 )
 (
     W_COARSE,
@@ -284,6 +287,7 @@ SWITCH = (
     W_SHARED,
     W_STEADY,
     W_DISPLACEMENT,
+    W_PARTITION,
 ) = range(len(SWITCH))
 
 # Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.
@@ -365,6 +369,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "held": ("classes",),
         "steady_rate": ("streams", "classes"),
         "memory": (len(MEMORY),),
+        # of the last step: undersize of every deck, then oversize of every deck, kg
+        "step_mass": ("deck_streams", "nodes"),
         "last_seen": ("seen",),
         "feed_fraction": ("nodes",),
         "scene": ("decks", "panels", len(SCENE)),
@@ -399,8 +405,6 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "displacement_result": (DISPLACEMENT_RESULT,),
         "drive_setting": (4,),
         "displacement_work": ("displacement_work",),
-        # undersize of every deck, then oversize of every deck
-        "step_mass": ("deck_streams", "nodes"),
         "class_mass": ("streams", "classes"),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
@@ -594,6 +598,7 @@ class Layout:
     AT_HELD,
     AT_STEADY_RATE,
     AT_MEMORY,
+    AT_STEP_MASS,
     AT_LAST_SEEN,
     AT_FEED_FRACTION,
     AT_SCENE,
@@ -624,7 +629,6 @@ class Layout:
     AT_DISPLACEMENT_RESULT,
     AT_DRIVE_SETTING,
     AT_DISPLACEMENT_WORK,
-    AT_STEP_MASS,
     AT_CLASS_MASS,
     AT_HOLD_UP_WORK,
     AT_FALL_START,

@@ -98,7 +98,14 @@ from vibroscreen.kernels.place import (
     panel_velocity,
     residence_time,
 )
-from vibroscreen.kernels.step import motion_part, prepare, refuse, sum_streams, write_streams
+from vibroscreen.kernels.step import (
+    motion_part,
+    prepare,
+    read_partition,
+    refuse,
+    sum_streams,
+    write_streams,
+)
 
 
 @kernel
@@ -282,6 +289,7 @@ def setting_size(buffer):
 @kernel
 def write_result(buffer, result):
     """Figures of a steady solution, and the class rates of its streams."""
+    read_partition(buffer)
     output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
     scene = scene_vector(buffer, AT_SCENE, 0, 0)
     result[F_VELOCITY] = scene[S_TRANSPORT_VELOCITY]

@@ -74,6 +74,7 @@ from vibroscreen.kernels.layout import (
     BED_VELOCITY,
     BULK_DENSITY,
     C_DISPLACEMENT,
+    C_PARTITIONS,
     C_STEADY_STEPS,
     C_STEPS,
     CONTACT_DEPTH,
@@ -113,6 +114,7 @@ from vibroscreen.kernels.layout import (
     LAYERED,
     LENGTH,
     M_SETTLED,
+    M_UNREAD,
     MAX_HARMONICS,
     MEMORY,
     N_CLASSES,
@@ -174,6 +176,7 @@ from vibroscreen.kernels.layout import (
     VELOCITY_FACTOR,
     VIBRATING_MASS,
     W_DISPLACEMENT,
+    W_PARTITION,
     W_SHARED,
     W_STEADY,
     class_vector,
@@ -902,7 +905,19 @@ def write_streams(buffer, duration):
         between = vector(buffer, AT_INTERMEDIATE, len(INTERMEDIATE), k)
         between[INTERMEDIATE_RATE] = write_stream(buffer, OVER + 1 + k, fraction, duration)
     write_recovery(buffer)
-    write_partition(buffer)
+    scalars(buffer, AT_MEMORY, len(MEMORY))[M_UNREAD] = 1.0
+    if scalars(buffer, AT_SWITCH, len(SWITCH))[W_PARTITION] == 0.0:
+        read_partition(buffer)
+
+
+@kernel
+def read_partition(buffer):
+    """Cut size and ecart probable, found when somebody reads them: once for a step."""
+    memory = scalars(buffer, AT_MEMORY, len(MEMORY))
+    if memory[M_UNREAD] > 0.0:
+        memory[M_UNREAD] = 0.0
+        write_partition(buffer)
+        scalars(buffer, AT_COUNTER, len(COUNTER))[C_PARTITIONS] += 1.0
 
 
 @inlined
