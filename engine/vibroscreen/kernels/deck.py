@@ -108,8 +108,10 @@ from vibroscreen.kernels.place import (
     riding_time,
 )
 
-# A feed piles up where it would lie deeper than this part of the deck's length.
+# A feed piles up where it would lie deeper than this part of the deck's length, on a deck that
+# takes longer than this to carry it to the discharge, s. One that conveys faster carries any feed.
 PILE_DEPTH = 0.5
+PILE_TIME = 300.0
 # A package moved by less than this part of a length has moved by round-off.
 MOMENT = 1e-9
 # Two pieces become one package up to this part over the length of a cell.
@@ -883,7 +885,8 @@ def advance_top(buffer, duration):
     velocity = panel_velocity(buffer, AT_SCENE, 0, 0)
     rate = book[D_COHORT_FED]
     deepest = PILE_DEPTH * deck_length(buffer, 0) * scene[S_DENSITY]
-    heavy = rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
+    slow = velocity == 0.0 or residence_time(buffer, AT_SCENE, 0) > PILE_TIME
+    heavy = slow and rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
     if heavy and book[D_PILE_OPEN] == 0.0:
         open_pile(buffer, 0)
     piling = book[D_PILE_OPEN] > 0.0

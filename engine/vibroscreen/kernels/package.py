@@ -566,6 +566,56 @@ def fastest_rate(buffer, layers):
     return max(fastest + exchange, 3.0 * exchange)
 
 
+@kernel
+def sum_sizes(buffer, at, index, layers):
+    """Mass of every size in a block, what passed included, into the work vector, kg/m2."""
+    nodes = int(buffer[N_ACTIVE])
+    whole, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, at, index)
+    for i in range(nodes):
+        whole[i] = values[i]
+    for row in range(1, layers + 1):
+        start = row * nodes
+        for i in range(nodes):
+            whole[i] += values[start + i]
+
+
+@kernel
+def close_sizes(buffer, at, index, layers, h, moment):
+    """Put what a step of h rounded away of a size into the row that holds most of it.
+
+    `sum_sizes` was called before the step. Its round-off is that of the rates times h, so in a bed
+    where all is in balance it is the same in every step: it would add up over many.
+    """
+    nodes = int(buffer[N_ACTIVE])
+    missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, at, index)
+    terms = int(buffer[N_SOURCE])
+    if terms > 0:
+        source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
+        for i in range(nodes):
+            missing[i] += h * mean_landing(source, i, terms, h, moment)
+    for row in range(layers + 1):
+        start = row * nodes
+        for i in range(nodes):
+            missing[i] -= values[start + i]
+    for i in range(nodes):
+        if missing[i] != 0.0:
+            most = i
+            for row in range(1, layers + 1):
+                n = row * nodes + i
+                if values[n] > values[most]:
+                    most = n
+            values[most] += missing[i]
+
+
+@kernel
+def mean_landing(source, i, terms, h, moment):
+    """Mean of what lands of a size in a step of h that starts at `moment`, kg/(m2 s)."""
+    if terms == 1:
+        return source[0, i]
+    middle = moment + 0.5 * h
+    return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
+
+
 # --- the explicit pair ---------------------------------------------------------------------------
 @kernel
 def stage_value(buffer, stage, h, size):
@@ -886,12 +936,8 @@ def basic_step(buffer, scene, k, layers, h, moment):
     terms = int(buffer[N_SOURCE])
     if terms > 0:
         source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
-        middle = moment + 0.5 * h
         for i in range(nodes):
-            rising = source[0, i]
-            if terms > 1:
-                rising += middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
-            load[layers - 1, i] += h * rising
+            load[layers - 1, i] += h * mean_landing(source, i, terms, h, moment)
     layers = restack(buffer, scene, load, layers)
     for i in range((layers + 1) * nodes):
         time[i] += h * state[i]
@@ -922,11 +968,8 @@ def rows_in_use(buffer, scene, load, layers, h, moment):
         return layers
     landing = 0.0
     source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, int(buffer[N_ACTIVE]))
-    middle = moment + 0.5 * h
     for i in range(int(buffer[N_ACTIVE])):
-        landing += source[0, i]
-        if terms > 1:
-            landing += middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
+        landing += mean_landing(source, i, terms, h, moment)
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
     return max(layers, min(more, load.shape[0]))
 
@@ -1001,9 +1044,10 @@ def pay_integral(buffer, rows):
 
 
 @kernel
-def take_implicit(buffer, scene, rows, h):
+def take_implicit(buffer, scene, rows, h, moment):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
     size = (rows + 1) * int(buffer[N_ACTIVE])
+    sum_sizes(buffer, AT_STAGE, NOW, rows)
     now, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
     best, time = block(buffer, AT_TRIAL, 0), block(buffer, AT_TRIAL, 1)
     gone = int(buffer[N_ACTIVE])
@@ -1015,7 +1059,9 @@ def take_implicit(buffer, scene, rows, h):
     for i in range(gone, size):
         total[i] += time[i]
         now[i] = best[i]
-    return restack(buffer, scene, block_load(buffer, AT_STAGE, NOW), rows)
+    layers = restack(buffer, scene, block_load(buffer, AT_STAGE, NOW), rows)
+    close_sizes(buffer, AT_STAGE, NOW, layers, h, moment)
+    return layers
 
 
 @kernel
@@ -1224,7 +1270,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             h = implicit_length(buffer, scene, book, layers, left, kink, moment, shortest)
             counter[C_COLUMN_STEPS] += 1
             rows = int(book[D_ROWS])
-            layers = take_implicit(buffer, scene, rows, h)
+            layers = take_implicit(buffer, scene, rows, h, moment)
             most = max(most, rows)
             if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
                 book[D_CAPACITY_ALARM] = 1.0
@@ -1317,6 +1363,8 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             counter[C_LANDINGS] += 1
             cut = True
             continue
+        sum_sizes(buffer, AT_STAGE, NOW, layers)
+        close_sizes(buffer, AT_STAGE, STAGED, layers, h, moment)
         if scheme == STABILISED:
             integrate_ends(buffer, h, size)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
