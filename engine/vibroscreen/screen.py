@@ -37,10 +37,9 @@ Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
 # Least cells of a deck; more where the tolerance asks for it. What a package averages along y is of
-# second order in its length: 4e-5 of a recovery with 32 cells, while the frequency never rests. The
-# places at which material falls on a lower deck are resolved by cells too, so several decks have
-# more.
-LEAST_CELLS, LEAST_CELLS_OF_SEVERAL = 32, 64
+# second order in its length: 4e-5 of a recovery with 32 cells, while the frequency never rests. On
+# a deck below another one cells also resolve where material falls, so there are more.
+LEAST_CELLS, LEAST_CELLS_BELOW = 32, 64
 MOST_CELLS = 512
 MOST_DECKS = 4
 # Knots along a deck that has one below; where they run out every second one goes.
@@ -388,7 +387,7 @@ def check_supported(config: ScreenConfig) -> None:
                 f"deck[{place}].panel: {len(deck.panels)} panels are more than a deck can have, "
                 f"{LEAST_CELLS}: join the ones that are alike"
             )
-    room, cells = config.solver.packages, _cells(config)
+    room, cells = config.solver.packages, _cells(config, len(config.decks) - 1)
     if 0 < room < cells + 4:
         raise ConfigError(
             f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
@@ -396,9 +395,9 @@ def check_supported(config: ScreenConfig) -> None:
         )
 
 
-def _cells(config: ScreenConfig) -> int:
-    """Cells of a deck: a package is never longer than one."""
-    least = LEAST_CELLS if len(config.decks) == 1 else LEAST_CELLS_OF_SEVERAL
+def _cells(config: ScreenConfig, deck: int) -> int:
+    """Cells of a deck, counted from 0: a package is never longer than one."""
+    least = LEAST_CELLS if deck == 0 else LEAST_CELLS_BELOW
     cells = math.ceil(least * math.sqrt(1e-4 / config.solver.tolerance))
     return min(MOST_CELLS, max(least, cells))
 
@@ -416,7 +415,7 @@ def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
 
 def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
     """Dimensions of a screen; without packages only one slice has room."""
-    cells = _cells(config)
+    cells = _cells(config, len(config.decks) - 1)
     segregation = registry.model("segregation", config.segregation.model)
     room = config.solver.packages or 4 * cells + 16
     return Layout(
@@ -477,12 +476,11 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("upper", config.size_classes.upper)
     put("edge", config.size_classes.edges)
     put("width", [deck.width for deck in config.decks])
-    cells = layout.dimension["cells"]
     for d, deck in enumerate(config.decks):
         count = len(deck.panels)
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
-        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, cells)
+        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config, d))
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())

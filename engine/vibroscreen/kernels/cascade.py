@@ -36,7 +36,6 @@ from vibroscreen.kernels.layout import (
     D_COHORT_ON,
     D_COVERED,
     D_PACKAGES,
-    N_CELLS,
     N_DECKS,
     N_FALLS,
     S_PASSAGE_VELOCITY,
@@ -45,7 +44,7 @@ from vibroscreen.kernels.layout import (
     scene_vector,
     vector,
 )
-from vibroscreen.kernels.place import conveys, deck_length, place_after, residence_time
+from vibroscreen.kernels.place import cell_count, conveys, deck_length, place_after, residence_time
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16
@@ -105,7 +104,7 @@ def part_of(buffer, left):
     for deck in range(1, int(buffer[N_DECKS])):
         if covered(buffer, deck) or not conveys(buffer, deck):
             continue
-        part = min(part, residence_time(buffer, AT_SCENE, deck) / buffer[N_CELLS])
+        part = min(part, residence_time(buffer, AT_SCENE, deck) / cell_count(buffer, deck))
         if deck_vector(buffer, deck)[D_COHORT_ON] > 0.0:
             part = min(part, time_to_cover(buffer, deck))
     return part

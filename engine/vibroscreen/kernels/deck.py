@@ -69,7 +69,6 @@ from vibroscreen.kernels.layout import (
     D_STEP,
     D_WIDE,
     LAYERED,
-    N_CELLS,
     N_DECKS,
     N_PACKAGES,
     N_SOURCE,
@@ -94,6 +93,7 @@ from vibroscreen.kernels.layout import (
 )
 from vibroscreen.kernels.package import bed_load, clear_sums, integrate, restack
 from vibroscreen.kernels.place import (
+    cell_count,
     cell_end,
     cell_length,
     cell_panel,
@@ -135,7 +135,7 @@ def clear_deck(buffer, deck):
     free = package_vector(buffer, AT_FREE, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
-    cells = int(buffer[N_CELLS])
+    cells = cell_count(buffer, deck)
     if deck > 0 and free.size > cells:
         queue = package_vector(buffer, AT_QUEUE, deck)
         for cell in range(cells - 1, -1, -1):
@@ -507,7 +507,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
             whole = 0.0
         over = min(duration, max(0.0, end - rear)) - whole
         rest = min(rest, end - rear - duration)
-        if rest < MOMENT * end / buffer[N_CELLS]:
+        if rest < MOMENT * end / cell_count(buffer, deck):
             rest = 0.0
         if rest >= span:
             whole, over = whole + over, 0.0
@@ -841,7 +841,7 @@ def time_to_cover(buffer, deck):
 def grow_cohort(buffer, deck, duration):
     """Advance the front of the cohort, cell by cell, until it covers the deck."""
     book = deck_vector(buffer, deck)
-    cells = int(buffer[N_CELLS])
+    cells = cell_count(buffer, deck)
     celled = in_cells(buffer, deck)
     left = duration
     while left > 0.0 and book[D_COVERED] == 0.0:

@@ -1342,7 +1342,7 @@ def choose_scheme(buffer, book, fastest, left, gain):
     wide = book[D_WIDE] if book[D_WIDE] > 0.0 else FIRST / max(fastest, FIRST / left)
     spread = wide * fastest
     if spread > WIDE_FROM and buffer[N_SOURCE] < 2.0:
-        scheme, h = STABILISED, min(wide, MOST_STAGES * MOST_STAGES / 1.54 / fastest)
+        scheme, h = STABILISED, min(wide, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
     elif gain * spread > 4.0 / 6.0 * STABLE:  # four rates a step against six
         scheme, h = POSITIVE, min(gain * wide, POSITIVE_STABLE / fastest)
     else:
