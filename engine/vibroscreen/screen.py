@@ -149,7 +149,7 @@ class Screen:
     def __init__(self, config: ScreenConfig) -> None:
         check_supported(config)
         if not is_ready(run):
-            _LOG.warning("vibroscreen compiles its kernels, once a version: about a minute")
+            _LOG.warning("vibroscreen compiles its kernels, once a version: about two minutes")
         self.config = config
         self.nodes = nodes_of(config)
         self.layout = _layout(config, self.nodes.count, packages=True)

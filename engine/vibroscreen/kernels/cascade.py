@@ -97,7 +97,7 @@ def advance_decks(buffer, duration):
         left = 0.0 if piece == left else left - piece
 
 
-@kernel
+@inlined
 def part_of(buffer, left):
     """Length of the next part of a piece for the decks below the top one, s."""
     part = left
@@ -126,7 +126,7 @@ def advance_below(buffer, piece):
         left = 0.0 if part == left else left - part
 
 
-@kernel
+@inlined
 def start_cohorts_below(buffer):
     """Begin a cohort on every deck on which what falls has become steady."""
     for deck in range(1, int(buffer[N_DECKS])):
@@ -139,7 +139,7 @@ def start_cohorts_below(buffer):
             start_cohort(buffer, deck, deck_vector(buffer, 0)[D_COHORT_FED])
 
 
-@kernel
+@inlined
 def advance_under(buffer, deck, duration, share, moment, whole):
     """Advance a deck by `duration` s under a share of what fell from the one above in `whole` s."""
     book = deck_vector(buffer, deck)
@@ -160,7 +160,7 @@ def advance_under(buffer, deck, duration, share, moment, whole):
         pay_rest(buffer, deck)
 
 
-@kernel
+@inlined
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
     falls = int(buffer[N_FALLS])

@@ -397,7 +397,7 @@ def ride(buffer, deck, index, row, duration):
         pass_through(buffer, deck, row, area, 0.0)
 
 
-@kernel
+@inlined
 def discharge(buffer, deck, index, row, duration, rest):
     """Shorten a package to the length `rest` over the deck's end, evenly in `duration` s.
 
@@ -465,7 +465,7 @@ def cross(buffer, deck, index):
     used[index] = restack(buffer, package_scene(buffer, deck, index), load, int(used[index]))
 
 
-@kernel
+@inlined
 def ride_panels(buffer, deck, index, row, middle, duration, time):
     """Let a package ride for `duration` s, over the ends of panels; `middle` is its riding time.
 
@@ -493,7 +493,7 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
         cross(buffer, deck, index)
 
 
-@kernel
+@inlined
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
     length = package_vector(buffer, AT_LENGTH, deck)
@@ -874,7 +874,7 @@ def grow_cohort(buffer, deck, duration):
 
 
 # --- the top deck over one step ------------------------------------------------------------------
-@kernel
+@inlined
 def advance_top(buffer, duration):
     """Advance the top deck under constant motion and feed; returns the time it took, s.
 

@@ -1104,7 +1104,7 @@ def take_implicit(buffer, scene, rows, h, moment):
     return layers
 
 
-@kernel
+@inlined
 def try_implicit(buffer, scene, layers, h, moment, book):
     """Raise the order until the error of a step of h meets the tolerance.
 
@@ -1261,7 +1261,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     return layers
 
 
-@kernel
+@inlined
 def advance_block(buffer, scene, book, layers, duration, left, shortest, explicit):
     """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left."""
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)

@@ -169,7 +169,7 @@ def place_nodes(buffer):
     )
 
 
-@inlined
+@kernel
 def prepare_slice(buffer):
     """Take the inputs in the buffer into use and start a slice on the top deck; ACCEPTED or not."""
     code = prepare(buffer, False)
@@ -223,7 +223,7 @@ def lay_batch(buffer, areal_mass, horizon):
     book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
 
 
-@inlined
+@kernel
 def solve_steady(buffer):
     """Steady state under the inputs in the buffer; ACCEPTED or why there is none.
 
@@ -246,7 +246,7 @@ def solve_steady(buffer):
     return ACCEPTED
 
 
-@kernel
+@inlined
 def solve_many(buffer, count, rebuild):
     """Steady states of the first `count` rows of `design`, into `design_result`.
 
