@@ -76,6 +76,7 @@ from vibroscreen.kernels.layout import (
     S_HORIZON,
     S_LAYER_FULL,
     S_LAYER_LOAD,
+    S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
     S_TRANSPORT_VELOCITY,
     SEGREGATION_ADDRESS,
@@ -552,13 +553,17 @@ def keep_top_share(buffer, layers):
 
 
 @kernel
-def fastest_rate(buffer, layers):
+def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     weight = active_vector(buffer, AT_NODE_WORK, 0)
     percolation = active_column(buffer, AT_PERCOLATION)
     fastest = 0.0
     for i in range(weight.size):
         fastest = max(fastest, weight[i])
+    if fastest == 0.0 and buffer[N_SOURCE] > 0.0:
+        # An empty bed does not show how fast it will pass what lands on it.
+        pace = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] / scene[S_CONTACT_LOAD]
+        fastest = pace * scene[S_OPEN_AREA] * (1.0 + scene[S_OPEN_AREA])
     exchange = 0.0
     for j in range(1, layers):
         for i in range(weight.size):
@@ -1251,7 +1256,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
         distance = mass_to_kink(buffer, scene, load, layers, growth)
         kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
-        fastest = fastest_rate(buffer, layers)
+        fastest = fastest_rate(buffer, scene, layers)
         deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
             layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > 0.0
         )
