@@ -453,6 +453,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes) -> N
     put("node_class", nodes.class_index)
     put("node_position", nodes.position)
     put("node_weight", nodes.weight)
+    put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity
     put_inputs(layout, buffer, config.feed, config.motion, config)
 
