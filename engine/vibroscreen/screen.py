@@ -484,6 +484,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("harmonic", config.motion.harmonic_rows())
+    put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:
         put_nodes(layout, buffer, nodes)
     layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity

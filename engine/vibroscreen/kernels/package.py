@@ -76,6 +76,7 @@ from vibroscreen.kernels.layout import (
     S_HORIZON,
     S_LAYER_FULL,
     S_LAYER_LOAD,
+    S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
     S_TRANSPORT_VELOCITY,
     SEGREGATION_ADDRESS,
@@ -573,11 +574,15 @@ def keep_top_share(buffer, layers):
 
 
 @kernel
-def fastest_rate(buffer, layers):
+def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     nodes = int(buffer[N_ACTIVE])
     fastest = largest_of(view2(buffer, int(buffer[AT_NODE_WORK]), 1, nodes), 0)
     percolation = active_column(buffer, AT_PERCOLATION)
+    if fastest == 0.0 and buffer[N_SOURCE] > 0.0:
+        # An empty bed does not show how fast it will pass what lands on it.
+        pace = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] / scene[S_CONTACT_LOAD]
+        fastest = pace * scene[S_OPEN_AREA] * (1.0 + scene[S_OPEN_AREA])
     exchange = 0.0
     for j in range(1, layers):
         exchange = max(exchange, largest_of(percolation, j))
@@ -1291,7 +1296,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
         distance = mass_to_kink(buffer, scene, load, layers, growth)
         kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
-        fastest = fastest_rate(buffer, layers)
+        fastest = fastest_rate(buffer, scene, layers)
         deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
             layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > 0.0
         )
