@@ -347,6 +347,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
     },
     "constants": {
         "switch": (len(SWITCH),),
+        # 1: the composition inside a layer is linear, not even (`bed.reconstruction`)
+        "reconstruction": (1,),
         "harmonic": (MAX_HARMONICS, 5),
         "edge": ("edges",),
         "size": ("nodes",),
@@ -579,6 +581,7 @@ class Layout:
     AT_INTERMEDIATE_FRACTION,
     AT_DECK_BED,
     AT_SWITCH,
+    AT_RECONSTRUCTION,
     AT_HARMONIC,
     AT_EDGE,
     AT_SIZE,
