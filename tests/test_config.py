@@ -91,6 +91,7 @@ mass_fraction = [0.15, 0.10, 0.15, 0.20, 0.25, 0.15]
 TOLD = {
     "bed.layer_depth_mm",
     "bed.layers",
+    "bed.reconstruction",
     "displacement.velocity_m_s",
     "feed.passing",
     "motion.ellipticity",

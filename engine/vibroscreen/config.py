@@ -422,6 +422,8 @@ class Segregation:
 
 # Put in the place of a layer depth that is not given; no Bed keeps it.
 _AS_CONTACT_DEPTH: Any = None
+# Composition inside a layer; their place here is what the buffer holds.
+RECONSTRUCTIONS = ("none", "linear")
 
 
 @dataclass(frozen=True)
@@ -431,7 +433,8 @@ class Bed:
     contact_depth and layer_depth [m]: of the contact layer and of those above; a Bed without
     layer_depth takes the contact depth (and keeps it: `dataclasses.replace` of the one leaves the
     other). initial: "empty", or "steady" for full of the duty. layers: room in the state, the
-    contact layer among them, at least 2.
+    contact layer among them, at least 2. reconstruction: "none", every layer is mixed evenly, as in
+    the paper; "linear" where the layers are a grid to be refined (MODEL.md, "Segregation").
     """
 
     contact_depth: float = field(
@@ -446,6 +449,9 @@ class Bed:
     )
     layers: int = field(
         default=16, metadata=number("layers", whole=True, at_least=2, at_most=10_000)
+    )
+    reconstruction: str = field(
+        default="none", metadata=of(Choice("reconstruction", lambda: RECONSTRUCTIONS))
     )
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.config import Deck, ScreenConfig
+from vibroscreen.config import RECONSTRUCTIONS, Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
@@ -483,6 +483,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config, d))
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
+    put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))
     put("harmonic", config.motion.harmonic_rows())
     put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:

@@ -351,6 +351,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
     },
     "constants": {
         "switch": (len(SWITCH),),
+        # 1: the composition inside a layer is linear, not even (`bed.reconstruction`)
+        "reconstruction": (1,),
         "harmonic": (MAX_HARMONICS, 5),
         "edge": ("edges",),
         "size": ("nodes",),
@@ -583,6 +585,7 @@ class Layout:
     AT_INTERMEDIATE_FRACTION,
     AT_DECK_BED,
     AT_SWITCH,
+    AT_RECONSTRUCTION,
     AT_HARMONIC,
     AT_EDGE,
     AT_SIZE,

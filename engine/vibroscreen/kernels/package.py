@@ -27,6 +27,7 @@ from vibroscreen.kernels.layout import (
     AT_PARAMETER,
     AT_PERCOLATION,
     AT_PLACE,
+    AT_RECONSTRUCTION,
     AT_RECORD,
     AT_SCRATCH,
     AT_SHARE,
@@ -118,6 +119,8 @@ USED_UP = 1e-4
 REVIEW = 16
 # Proportions inside the sizes that move alike are equal up to this.
 ALIKE = 1e-12
+# Differences of a mass fraction below this bound no slope.
+EVEN = 1e-14
 # The explicit pair is stable up to this step times the fastest rate, and is not used where it
 # would need more than STIFF / STABLE steps.
 STABLE = 3.2
@@ -133,7 +136,7 @@ FIRST = 1.0
 PAIR, POSITIVE, STABILISED = range(3)
 # Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
-# have a kink at every size, where no order is left.
+# have a kink at every size, where no order is left; a reconstruction has them in every layer.
 MARGIN = (30.0, 60.0, 5.0)
 MARGIN_SORTED = (4.0, 20.0, 5.0)
 # The scheme of order 3 is stable up to this.
@@ -146,6 +149,8 @@ MOST_WIDER = 50.0
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
+# Blocks of `trial` while rates are found: loads at the faces of the layers.
+LOWER, UPPER = 0, 1
 
 # Dormand and Prince (J. Comput. Appl. Math. 6 (1980) 19).
 A = np.array(
@@ -455,9 +460,10 @@ def restack(buffer, scene, load, layers):
 
 # --- rates ---------------------------------------------------------------------------------------
 @kernel
-def passage_rates(buffer, scene, load, layers, rate):
+def passage_rates(buffer, scene, load, lower, layers, rate):
     """Passage of each size as a rate on what row 0 holds of it, 1/s; fills the percolation too.
 
+    `lower` are the loads as they are at the lower faces of the layers; in row 0 they are `load`.
     rho_b u P_i F_0i cover with F_0i = contact_i load_0i, cover = min(1, sigma_0/sigma_c).
     """
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
@@ -468,7 +474,7 @@ def passage_rates(buffer, scene, load, layers, rate):
         int(parameter[SEGREGATION_MODEL]),
         int(buffer[SEGREGATION_ADDRESS]),
         size,
-        load,
+        lower,
         layers,
         scene,
         contact,
@@ -485,12 +491,66 @@ def passage_rates(buffer, scene, load, layers, rate):
 
 
 @kernel
+def reconstructed(buffer):
+    """Whether the composition inside a layer is linear."""
+    return buffer[int(buffer[AT_RECONSTRUCTION])] > 0.0
+
+
+@kernel
+def slope_factor(load, row, below, mass, above, share):
+    """Theta of a layer: the part of the central slopes of its sizes that makes no new extremum.
+
+    One for all sizes, so that the slopes sum up to zero and a full layer stays full at its faces.
+    below, mass, above: of the three layers, kg/m2; share: span of the layer over that of the slope.
+    """
+    theta = 1.0
+    a, b, c = 1.0 / below, 1.0 / mass, 1.0 / above
+    for i in range(load.shape[1]):
+        middle = b * load[row, i]
+        down, up = middle - a * load[row - 1, i], c * load[row + 1, i] - middle
+        least, most = min(abs(down), abs(up)), max(abs(down), abs(up))
+        if most > EVEN:
+            room = 2.0 * least if down * up > 0.0 else 0.0
+            slope = share * abs(down + up)
+            if theta * slope > room:
+                theta = room / slope
+    return theta
+
+
+@kernel
+def reconstruct(buffer, load, layers):
+    """Loads as they are at the lower and upper faces of the layers, into two blocks of `trial`.
+
+    Mass fractions are linear over a layer with a monotonised central slope, even in the contact
+    layer and in the top one. The implicit scheme, whose blocks these are, does without.
+    """
+    lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    nodes = load.shape[1]
+    for i in range(nodes):
+        lower[0, i] = upper[0, i] = load[0, i]
+        lower[layers - 1, i] = upper[layers - 1, i] = load[layers - 1, i]
+    below, mass = layer_mass(load, 0), layer_mass(load, 1)
+    for j in range(1, layers - 1):
+        above = layer_mass(load, j + 1)
+        theta = 0.0
+        if min(below, mass, above) > NOTHING:
+            share = 2.0 * mass / (below + 2.0 * mass + above)
+            theta = 0.5 * mass * share * slope_factor(load, j, below, mass, above, share)
+        a, c = (theta / below, theta / above) if theta > 0.0 else (0.0, 0.0)
+        for i in range(nodes):
+            half = c * load[j + 1, i] - a * load[j - 1, i]
+            lower[j, i], upper[j, i] = load[j, i] - half, load[j, i] + half
+        below, mass = mass, above
+
+
+@kernel
 def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
 
     Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
     above, layer by layer), landing on the top layer `moment` s after the start. The composition
-    of a top layer that runs out is that at the start of the step (`share_top`).
+    of a top layer that runs out is that at the start of the step (`share_top`). Layers exchange
+    what they hold on the average, or with `bed.reconstruction` what they hold at the face.
     """
     load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
     passing = block_passed(buffer, at_rate, rate)
@@ -500,14 +560,18 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     top = layer_mass(load, layers - 1)
     upper = (layers - 2) * scene[S_LAYER_FULL]
     scene[S_BED_LOAD] = top if layers == 1 else scene[S_CONTACT_LOAD] + upper + top
-    passage_rates(buffer, scene, load, layers, weight)
+    lower, upper = load, load
+    if layers > 2 and reconstructed(buffer):
+        reconstruct(buffer, load, layers)
+        lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    passage_rates(buffer, scene, load, lower, layers, weight)
     for i in range(nodes):
         passing[i] = weight[i] * load[0, i]
         change[0, i] = -passing[i]
     lost = vector_sum(passing)
     full = scene[S_CONTACT_LOAD]
     for j in range(1, layers):
-        upward = weighted_mass(load, j, percolation, j) / full
+        upward = weighted_mass(lower, j, percolation, j) / full
         full = scene[S_LAYER_FULL]
         if j < layers - 1:
             refill = lost / full
@@ -515,13 +579,13 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
             refill = lost / top if top > THIN * full else -1.0
         if refill >= 0.0:
             for i in range(nodes):
-                flux = (percolation[j, i] + refill) * load[j, i] - upward * load[j - 1, i]
+                flux = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
                 change[j, i] = -flux
                 change[j - 1, i] += flux
         else:
             share = active_vector(buffer, AT_NODE_WORK, 3)
             for i in range(nodes):
-                flux = percolation[j, i] * load[j, i] - upward * load[j - 1, i] + lost * share[i]
+                flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i] + lost * share[i]
                 change[j, i] = -flux
                 change[j - 1, i] += flux
     land(buffer, change, layers - 1, moment)
@@ -973,7 +1037,7 @@ def basic_step(buffer, scene, k, layers, h, moment):
     down = active_column(buffer, AT_PERCOLATION)
     up = vector(buffer, AT_UPWARD, int(buffer[N_LAYERS]), 0)
     nodes = rate.size
-    passage_rates(buffer, scene, load, layers, rate)
+    passage_rates(buffer, scene, load, load, layers, rate)
     upward_rates(load, down, layers, up)
     implicit_step(load, rate, down, up, active_column(buffer, AT_SCRATCH), stay, layers, h)
     for i in range(nodes):
@@ -1268,10 +1332,15 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
 
 @inlined
 def advance_block(buffer, scene, book, layers, duration, left, shortest, explicit):
-    """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left."""
+    """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left.
+
+    With a linear reconstruction all steps are explicit, but where the bed is deeper than its
+    layers: there the implicit scheme has every layer mixed evenly.
+    """
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     load = block_load(buffer, AT_STAGE, NOW)
     most = layers
+    linear = reconstructed(buffer)
     fresh = False  # whether K1 holds the rates at NOW
     before, h = 0.0, 0.0  # growth of the top layer a step ago
     for _ in range(REVIEW):
@@ -1297,10 +1366,13 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         distance = mass_to_kink(buffer, scene, load, layers, growth)
         kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
         fastest = fastest_rate(buffer, scene, layers)
+        # A full bed that only round-off makes grow is not deep.
+        least = LANDING * scene[S_LAYER_FULL] / left if linear else 0.0
         deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
-            layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > 0.0
+            layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > least
         )
-        if explicit and fastest * left < STIFF and not deep:
+        stiff = not explicit or fastest * left >= STIFF
+        if not deep and (linear or not stiff):
             h, ended = explicit_length(
                 buffer, scene, book, layers, left, kink, fastest, moment, shortest
             )
@@ -1309,6 +1381,9 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             paid = take_explicit(buffer, (layers + 1) * int(buffer[N_ACTIVE]), ended)
             if not paid:
                 carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
+                if linear:  # faces have debts in any layer: fill those that paid
+                    layers = restack(buffer, scene, load, layers)
+                    most = max(most, layers)
             fresh = ended and paid
             keep_top_share(buffer, layers)
         else:
@@ -1334,7 +1409,8 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
 def margins(buffer):
     """How much an estimate may be above the tolerance: pair, order 3, stabilised."""
     model = int(vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[SEGREGATION_MODEL])
-    return MARGIN_SORTED if model == PROPORTIONAL or model == CLASSIFIED else MARGIN
+    kinks = model == PROPORTIONAL or model == CLASSIFIED or reconstructed(buffer)
+    return MARGIN_SORTED if kinks else MARGIN
 
 
 @kernel
