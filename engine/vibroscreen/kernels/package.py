@@ -82,6 +82,7 @@ from vibroscreen.kernels.layout import (
     S_TRANSPORT_VELOCITY,
     SEGREGATION_ADDRESS,
     SEGREGATION_MODEL,
+    SEGREGATION_PROPORTION,
     SWITCH,
     TOLERANCE,
     W_COARSE,
@@ -1367,7 +1368,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
         fastest = fastest_rate(buffer, scene, layers)
         # A full bed that only round-off makes grow is not deep.
-        least = LANDING * scene[S_LAYER_FULL] / left if linear else 0.0
+        least = LANDING * scene[S_LAYER_FULL] / left
         deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
             layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > least
         )
@@ -1408,8 +1409,10 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
 @kernel
 def margins(buffer):
     """How much an estimate may be above the tolerance: pair, order 3, stabilised."""
-    model = int(vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[SEGREGATION_MODEL])
-    kinks = model == PROPORTIONAL or model == CLASSIFIED or reconstructed(buffer)
+    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
+    model = int(parameter[SEGREGATION_MODEL])
+    partly = model == PROPORTIONAL and parameter[SEGREGATION_PROPORTION] > 0.0
+    kinks = partly or model == CLASSIFIED or reconstructed(buffer)
     return MARGIN_SORTED if kinks else MARGIN
 
 
