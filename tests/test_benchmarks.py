@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests import exact
-from tests.benchmarks import dem_scale, import_time, step_cost
+from tests.benchmarks import dem_scale, import_time, many, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -334,3 +334,11 @@ def test_start_is_timed_in_fresh_processes(tmp_path: Path) -> None:
     assert all(0.0 < lap < math.inf for lap in laps.values())
     with pytest.raises(RuntimeError, match="no_such_module"):
         import_time.run_fresh("import no_such_module", cache)
+
+
+def test_many_designs_in_short(tmp_path: Path) -> None:
+    result = many.main(designs=70, repeat=1, output=tmp_path)
+    assert result["same_bits"]
+    assert result["designs"] == 70
+    assert (tmp_path / "many.json").exists()
+    assert (tmp_path / "many.png").stat().st_size > 1000

@@ -231,10 +231,10 @@ def test_fractions_are_ignored_while_nothing_is_fed(screen: Screen) -> None:
     [
         ({"decks": (Deck(),) * 5}, "deck: 5 decks are more than a box has: give at most 4"),
         (
-            {"decks": (Deck(), Deck(2.0, (Panel(6.0 / 33),) * 33))},
-            r"deck\[2\].panel: 33 panels are more than a deck can have, 32",
+            {"decks": (Deck(), Deck(2.0, (Panel(6.0 / 65),) * 65))},
+            r"deck\[2\].panel: 65 panels are more than a deck can have, 64",
         ),
-        ({"solver": Solver(packages=20)}, "solver.packages = 20 is too little room for the 32"),
+        ({"solver": Solver(packages=20)}, "solver.packages = 20 is too little room for the 64"),
     ],
 )
 def test_configurations_that_the_engine_cannot_run(changes: dict, text: str) -> None:
@@ -254,7 +254,7 @@ def test_configurations_that_the_engine_cannot_run(changes: dict, text: str) -> 
         {"decks": (Deck(2.4, (Panel(inclination=86.0 * DEG),)),)},
         {"feed": Feed(0.0)},
         {"decks": (Deck(),) * 4},
-        {"decks": (Deck(2.0, (Panel(6.0 / 32),) * 32), Deck())},
+        {"decks": (Deck(2.0, (Panel(6.0 / 64),) * 64), Deck())},
     ],
 )
 def test_what_the_configuration_takes_the_engine_runs(changes: dict) -> None:

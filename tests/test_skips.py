@@ -29,9 +29,10 @@ COUNTERS = {
     "shared_trajectory": (None, "packages_integrated"),
     "steady_scene": ("steady_steps", None),
     "displacement": (None, "displacement_solutions"),
+    "partition": (None, "partitions"),
 }
 # Exact to round-off, the others within the tolerance (twice: either run may err by it).
-EXACT = ("idle_packages", "steady_scene", "displacement")
+EXACT = ("idle_packages", "steady_scene", "displacement", "partition")
 
 
 def config_of(box: str) -> ScreenConfig:

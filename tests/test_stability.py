@@ -119,7 +119,7 @@ steps = st.builds(
 
 @given(configs(), st.lists(steps, min_size=1, max_size=8), st.data())
 @settings(
-    max_examples=120,
+    max_examples=30,
     deadline=None,
     derandomize=True,
     phases=(Phase.explicit, Phase.generate),  # shrinking takes minutes

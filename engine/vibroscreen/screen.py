@@ -36,10 +36,9 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
-# Least cells of a deck; more where the tolerance asks for it. What a package averages along y is of
-# second order in its length: 4e-5 of a recovery with 32 cells, while the frequency never rests. On
-# a deck below another one cells also resolve where material falls, so there are more.
-LEAST_CELLS, LEAST_CELLS_BELOW = 32, 64
+# A package is never longer than this part of the deck, less where the tolerance asks for it: what
+# it averages along y is of second order in its length.
+LEAST_CELLS = 64
 MOST_CELLS = 512
 MOST_DECKS = 4
 # Knots along a deck that has one below; where they run out every second one goes.
@@ -387,7 +386,7 @@ def check_supported(config: ScreenConfig) -> None:
                 f"deck[{place}].panel: {len(deck.panels)} panels are more than a deck can have, "
                 f"{LEAST_CELLS}: join the ones that are alike"
             )
-    room, cells = config.solver.packages, _cells(config, len(config.decks) - 1)
+    room, cells = config.solver.packages, _cells(config)
     if 0 < room < cells + 4:
         raise ConfigError(
             f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
@@ -395,11 +394,10 @@ def check_supported(config: ScreenConfig) -> None:
         )
 
 
-def _cells(config: ScreenConfig, deck: int) -> int:
-    """Cells of a deck, counted from 0: a package is never longer than one."""
-    least = LEAST_CELLS if deck == 0 else LEAST_CELLS_BELOW
-    cells = math.ceil(least * math.sqrt(1e-4 / config.solver.tolerance))
-    return min(MOST_CELLS, max(least, cells))
+def _cells(config: ScreenConfig) -> int:
+    """Cells of a deck: a package is never longer than one."""
+    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
+    return min(MOST_CELLS, max(LEAST_CELLS, cells))
 
 
 def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
@@ -415,7 +413,7 @@ def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
 
 def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
     """Dimensions of a screen; without packages only one slice has room."""
-    cells = _cells(config, len(config.decks) - 1)
+    cells = _cells(config)
     segregation = registry.model("segregation", config.segregation.model)
     room = config.solver.packages or 4 * cells + 16
     return Layout(
@@ -480,7 +478,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         count = len(deck.panels)
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
-        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config, d))
+        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config))
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))

@@ -55,9 +55,6 @@ MOST_NODES = 24  # on a piece, where the engine chooses
 LEAST_PASSAGE, LEAST_PERCOLATION, GAP_SHARE = 50.0, 10.0, 0.4
 MOST_STRENGTH = 1e5
 THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
-# The estimate for the worst density a class can have may be this much above the tolerance: it is
-# 1 to 10 times too high, and classes next to each other are seldom that unlike.
-WORST_DENSITY = 3.0
 # Kinks that move through the classes while a slice rides: the gap of `exchange`, the coarsest
 # sorted grain of `proportional` and `classified`. Error with n nodes on a piece of width w (of the
 # gap, of the aperture), over feeds and K from 1 to 50, class factors 1.15 to 4:
@@ -108,9 +105,7 @@ def piece_nodes(low, high, aperture, most, tolerance):
     near = max(0.0, 1.0 - high / aperture)
     width = (high - low) / aperture
     nodes = 1
-    while nodes < MOST_NODES and (
-        quadrature_error(nodes, near, width, most) > WORST_DENSITY * tolerance
-    ):
+    while nodes < MOST_NODES and (quadrature_error(nodes, near, width, most) > tolerance):
         nodes += 1
     return nodes
 

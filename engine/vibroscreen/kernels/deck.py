@@ -66,6 +66,7 @@ from vibroscreen.kernels.layout import (
     D_PILE_OPEN,
     D_PILE_REAR,
     D_ROWS,
+    D_SHARE,
     D_STEP,
     D_WIDE,
     LAYERED,
@@ -112,6 +113,8 @@ from vibroscreen.kernels.place import (
 # takes longer than this to carry it to the discharge, s. One that conveys faster carries any feed.
 PILE_DEPTH = 0.5
 PILE_TIME = 300.0
+# What a deck below may use of the tolerance.
+SHARE_BELOW = 0.25
 # A package moved by less than this part of a length has moved by round-off.
 MOMENT = 1e-9
 # Two pieces become one package up to this part over the length of a cell.
@@ -132,6 +135,7 @@ def clear_deck(buffer, deck):
     book = deck_vector(buffer, deck)
     for i in range(book.size):
         book[i] = 0.0
+    book[D_SHARE] = 1.0 if deck == 0 else SHARE_BELOW
     free = package_vector(buffer, AT_FREE, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
@@ -638,6 +642,7 @@ def start_cohort(buffer, deck, rate):
             partial[j, i] = 0.0
         if deck == 0:
             lead[0, i] = fed[i]
+    book[D_SHARE] = 1.0 if deck == 0 else SHARE_BELOW
     book[D_COHORT_ON], book[D_COHORT_FED] = 1.0, rate
     book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0
     book[D_LEAD_PANEL], book[D_KNOTS], book[D_KNOT] = 0.0, 0.0, 0.0

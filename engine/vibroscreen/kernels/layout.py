@@ -194,6 +194,7 @@ DECK = (
     "pace",
     "wide",
     "rows",
+    "share",
     "capacity_alarm",
 )
 (
@@ -215,6 +216,7 @@ DECK = (
     D_PACE,
     D_WIDE,
     D_ROWS,
+    D_SHARE,
     D_CAPACITY_ALARM,
 ) = range(len(DECK))
 

@@ -55,6 +55,7 @@ from vibroscreen.kernels.layout import (
     D_ORDER,
     D_PACE,
     D_ROWS,
+    D_SHARE,
     D_STEP,
     D_WIDE,
     LAYERED,
@@ -138,7 +139,7 @@ PAIR, POSITIVE, STABILISED = range(3)
 # Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
 # have a kink at every size, where no order is left; a reconstruction has them in every layer.
-MARGIN = (30.0, 60.0, 5.0)
+MARGIN = (8.0, 20.0, 5.0)
 MARGIN_SORTED = (4.0, 20.0, 5.0)
 # The scheme of order 3 is stable up to this.
 POSITIVE_STABLE = 5.0
@@ -1181,7 +1182,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     Returns the number of trials, negative if it does not meet it; the next step and order go to
     `book`.
     """
-    allowed = allowance(buffer, scene, h)
+    allowed = allowance(buffer, scene, book, h)
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     target = int(book[D_ORDER])
     rows = rows_in_use(buffer, scene, block_load(buffer, AT_STAGE, NOW), layers, h, moment)
@@ -1222,9 +1223,12 @@ def trial_cost(order):
 
 # --- steps ---------------------------------------------------------------------------------------
 @kernel
-def allowance(buffer, scene, h):
-    """Error that a step of h may have, as a part of what was fed of a size."""
-    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+def allowance(buffer, scene, book, h):
+    """Error that a step of h may have, as a part of what was fed of a size.
+
+    A deck below has a smaller share of the tolerance, as the errors of all above it add to its own.
+    """
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE] * book[D_SHARE]
     horizon = scene[S_HORIZON]
     return tolerance * (max(LEAST_SHARE, h / horizon) if horizon > 0.0 else LEAST_SHARE)
 
@@ -1457,7 +1461,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
         h = kink
     landings = 0
     while True:
-        allowed = margin[scheme] * allowance(buffer, scene, h)
+        allowed = margin[scheme] * allowance(buffer, scene, book, h)
         if scheme == STABILISED:
             stages = stages_for(h * fastest)
             error = stabilised_step(buffer, scene, layers, h, stages, moment) / allowed
