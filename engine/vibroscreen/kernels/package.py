@@ -656,44 +656,39 @@ def fastest_rate(buffer, scene, layers):
 
 
 @kernel
-def sum_sizes(buffer, at, index, layers):
-    """Mass of every size in a block, what passed included, into the work vector, kg/m2."""
-    nodes = int(buffer[N_ACTIVE])
-    whole, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, at, index)
-    for i in range(nodes):
-        whole[i] = values[i]
-    for row in range(1, layers + 1):
-        start = row * nodes
-        for i in range(nodes):
-            whole[i] += values[start + i]
+def close_sizes(buffer, load, before, layers, moment, elapsed):
+    """Put what the steps of a block rounded away of a size into the row that holds most of it.
 
-
-@kernel
-def close_sizes(buffer, at, index, layers, h, moment):
-    """Put what a step of h rounded away of a size into the row that holds most of it.
-
-    `sum_sizes` was called before the step. Its round-off is that of the rates times h, so in a bed
-    where all is in balance it is the same in every step: it would add up over many.
+    `load` in `before` layers is the column at the start of the block, `moment`. The round-off of a
+    step is that of the rates times h, so in a bed where all is in balance it is the same in every
+    step: it would add up over many.
     """
     nodes = int(buffer[N_ACTIVE])
-    missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, at, index)
+    place = node_vector(buffer, AT_PLACE, 0)
+    missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, AT_STAGE, NOW)
+    for n in range(nodes):
+        missing[n] = 0.0
+    for j in range(before):
+        for i in range(load.shape[1]):
+            n = int(place[i])
+            if n >= 0:
+                missing[n] += load[j, i]
     terms = int(buffer[N_SOURCE])
     if terms > 0:
         source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
-        for i in range(nodes):
-            missing[i] += h * mean_landing(source, i, terms, h, moment)
+        for n in range(nodes):
+            missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
     for row in range(layers + 1):
         start = row * nodes
-        for i in range(nodes):
-            missing[i] -= values[start + i]
-    for i in range(nodes):
-        if missing[i] != 0.0:
-            most = i
+        for n in range(nodes):
+            missing[n] -= values[start + n]
+    for n in range(nodes):
+        if missing[n] != 0.0:
+            most = n
             for row in range(1, layers + 1):
-                n = row * nodes + i
-                if values[n] > values[most]:
-                    most = n
-            values[most] += missing[i]
+                if values[row * nodes + n] > values[most]:
+                    most = row * nodes + n
+            values[most] += missing[n]
 
 
 @kernel
@@ -1155,10 +1150,9 @@ def pay_integral(buffer, rows):
 
 
 @kernel
-def take_implicit(buffer, scene, rows, h, moment):
+def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
     size = (rows + 1) * int(buffer[N_ACTIVE])
-    sum_sizes(buffer, AT_STAGE, NOW, rows)
     now, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
     best, time = block(buffer, AT_TRIAL, 0), block(buffer, AT_TRIAL, 1)
     gone = int(buffer[N_ACTIVE])
@@ -1170,9 +1164,7 @@ def take_implicit(buffer, scene, rows, h, moment):
     for i in range(gone, size):
         total[i] += time[i]
         now[i] = best[i]
-    layers = restack(buffer, scene, block_load(buffer, AT_STAGE, NOW), rows)
-    close_sizes(buffer, AT_STAGE, NOW, layers, h, moment)
-    return layers
+    return restack(buffer, scene, block_load(buffer, AT_STAGE, NOW), rows)
 
 
 @inlined
@@ -1327,6 +1319,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
         layers, left = advance_block(
             buffer, scene, book, layers, duration, left, shortest, explicit
         )
+        close_sizes(buffer, load, rows, layers, duration - before, before - left)
         rows = max(rows, int(book[D_ROWS]))
         used = max(used, rows)
         pay_integral(buffer, rows)
@@ -1395,7 +1388,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             h = implicit_length(buffer, scene, book, layers, left, kink, moment, shortest)
             counter[C_COLUMN_STEPS] += 1
             rows = int(book[D_ROWS])
-            layers = take_implicit(buffer, scene, rows, h, moment)
+            layers = take_implicit(buffer, scene, rows, h)
             most = max(most, rows)
             if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
                 book[D_CAPACITY_ALARM] = 1.0
@@ -1491,8 +1484,6 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             counter[C_LANDINGS] += 1
             cut = True
             continue
-        sum_sizes(buffer, AT_STAGE, NOW, layers)
-        close_sizes(buffer, AT_STAGE, STAGED, layers, h, moment)
         if scheme == STABILISED:
             integrate_ends(buffer, h, size)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
