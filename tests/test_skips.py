@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroscreen import Feed, Motion, Screen, ScreenConfig
+from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation
 from vibroscreen.kernels import layout as lay
 
@@ -29,7 +29,7 @@ COUNTERS = {
     "shared_trajectory": (None, "packages_integrated"),
     "steady_scene": ("steady_steps", None),
     "displacement": (None, "displacement_solutions"),
-    "partition": (None, "partitions"),
+    "partition": (None, None),  # below
 }
 # Exact to round-off, the others within the tolerance (twice: either run may err by it).
 EXACT = ("idle_packages", "steady_scene", "displacement", "partition")
@@ -112,3 +112,24 @@ def test_a_lower_deck_on_which_nothing_falls_costs_nothing() -> None:
     assert two["packages_integrated"] == alone["packages_integrated"]
     assert two["column_steps"] == alone["column_steps"]
     assert two["packages_skipped"] > alone["packages_skipped"]
+
+
+def test_cut_sizes_are_found_when_somebody_reads_them() -> None:
+    lazy, eager = Screen(DEFAULT), Screen(DEFAULT)
+    eager.switch(partition=False)
+    for screen in (lazy, eager):
+        for k in range(5):
+            screen.view("input")[lay.FREQUENCY] = 15.0 + 0.1 * k
+            screen.advance(10.0)
+    assert lazy.counters()["partitions"] == 0
+    assert eager.counters()["partitions"] == 5
+    one, other = lazy.result(), eager.result()
+    assert one.cut_size == other.cut_size > 0.0
+    assert one.ecart_probable == other.ecart_probable
+    lazy.result()
+    assert lazy.counters()["partitions"] == 1
+
+
+def test_an_unknown_skip_is_named() -> None:
+    with pytest.raises(InputError, match=r"coarse is no skip: give one of coarse_sizes, "):
+        Screen(DEFAULT).switch(coarse=False)

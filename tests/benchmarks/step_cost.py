@@ -472,6 +472,7 @@ def skips() -> list[Skip]:
         ),
         Skip("steady_scene", "steady", default, "steady_steps"),
         Skip("displacement", "steady", default, "displacement_solutions", less=True),
+        Skip("partition", "new frequency", default, "partitions", "frequency", less=True),
     ]
 
 
