@@ -60,7 +60,7 @@ def march_implicit(buffer, scene_, layers, h, steps):
         for k in range(3):
             package.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
             package.extrapolate(buffer, k, layers)
-        package.take_implicit(buffer, scene_, layers, h, 0.0)
+        package.take_implicit(buffer, scene_, layers, h)
 
 
 SCHEMES = {
