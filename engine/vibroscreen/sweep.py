@@ -42,7 +42,7 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 Array = NDArray[np.float64]
 
 # Designs that a thread takes at a time.
-CHUNK = 32
+CHUNK = 64
 # Numbers that a screen is built with and that a sweep cannot change: choices, and what sets sizes.
 FIXED = frozenset(
     {
