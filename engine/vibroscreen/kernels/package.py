@@ -2,11 +2,13 @@
 "A package in time").
 
 A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. It is gathered
-into a compact block without the sizes that take no part, integrated there and scattered back. Two
-schemes share its rates (`column_rates`):
-  explicit: the pair of Dormand and Prince, order 5 with an embedded 4, for all that is not stiff;
-  implicit: a first-order step that keeps masses positive whatever its length, extrapolated.
-Both are linear in the masses they move, so every sum is kept to round-off. The error estimate sets
+into a compact block without the sizes that take no part, integrated there and scattered back. Four
+schemes share its sub-models; three of them the rates of `column_rates`:
+  the pair of Dormand and Prince, order 5 with an embedded 4, where accuracy asks for short steps;
+  a positive scheme of order 3, where stability does;
+  a stabilised scheme of order 2 with many stages, where the fastest rate is far beyond the step;
+  an implicit step that keeps masses positive whatever its length, extrapolated, beyond all that.
+All are linear in the masses they move, so every sum is kept to round-off. The error estimate sets
 step (and order); steps end at the moments at which a layer runs out or is filled.
 """
 
