@@ -420,8 +420,8 @@ def refusals() -> dict[str, str]:
 
 
 # --- soak ----------------------------------------------------------------------------------------
-@njit(error_model="numpy")  # type: ignore[misc]
-def look_through(buffer, starts, stops, may_be_negative):  # type: ignore[no-untyped-def]
+@njit(error_model="numpy")
+def look_through(buffer, starts, stops, may_be_negative):
     """Least number of the fields that may not be negative; NaN if any number is not finite."""
     least = 0.0
     for k in range(starts.size):
