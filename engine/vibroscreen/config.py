@@ -354,12 +354,21 @@ class Displacement:
         check_fields(self, "displacement")
 
 
+# Whether u and w follow from the vibration; their place here is what the buffer holds.
+CLOSURES = ("none", "vibration")
+
+
 @dataclass(frozen=True)
 class Passage:
     """Law of passage and velocity of grains through the openings [m/s].
 
     velocity: a constant; velocity_table: rows (aperture m, velocity m/s) instead of it,
-    interpolated linearly. Give one of them.
+    interpolated linearly. Give one of them. closure: "none", or "vibration" for a velocity that
+    follows from the vibration; `velocity` is then that of a loose bed (MODEL.md, "Closures in the
+    vibration"). Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass (Gaudin), 1
+    where the rim guides all grains in whose centre is over the opening; passing_time for which a
+    grain takes up an opening, over sqrt(aperture/g); drift, the loss of opening by the bed's
+    velocity over sqrt(g aperture); damping of the tries by a bed as deep as the aperture.
     """
 
     law: str = field(
@@ -371,6 +380,13 @@ class Passage:
     velocity_table: tuple[tuple[float, float], ...] | None = field(
         default=None, metadata=of(_VelocityTable())
     )
+    rim: float = field(default=0.3, metadata=number("rim", at_least=0.0, at_most=1.0))
+    passing_time: float = field(
+        default=1.8, metadata=number("passing_time", at_least=0.0, at_most=100.0)
+    )
+    drift: float = field(default=0.15, metadata=number("drift", at_least=0.0, at_most=10.0))
+    damping: float = field(default=0.5, metadata=number("damping", at_least=0.0, at_most=100.0))
+    closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:
         check_fields(self, "passage")
@@ -402,7 +418,9 @@ class Segregation:
     """Model of the mixing and sorting in the bed.
 
     velocity: of percolation [m/s]; dilation: extra distance between grains by shaking [m];
-    proportion: share of the sorted composition, used by `proportional` [1].
+    proportion: share of the sorted composition, used by `proportional` [1]. closure: "none", or
+    "vibration" for a velocity that follows from the vibration; `velocity` is then that of a loose
+    bed (MODEL.md, "Closures in the vibration").
     """
 
     model: str = field(
@@ -415,6 +433,7 @@ class Segregation:
         default=1.0 * MM, metadata=number("dilation_mm", "m", MM, at_least=0.0, at_most=1.0)
     )
     proportion: float = field(default=0.5, metadata=number("proportion", at_least=0.0, at_most=1.0))
+    closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:
         check_fields(self, "segregation")

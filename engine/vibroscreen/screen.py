@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.config import RECONSTRUCTIONS, Deck, ScreenConfig
+from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
@@ -69,6 +69,18 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
     ),
     ("parameter", "passage_law"): ("passage.law", "", ""),
     ("parameter", "passage_velocity"): ("passage.velocity", "m/s", "0 closes the deck"),
+    ("parameter", "passage_rim"): ("passage.rim", "", "0 is Gaudin, 1 guides every grain in"),
+    ("parameter", "passage_passing_time"): (
+        "passage.passing_time",
+        "",
+        "0 lets any number pass at once",
+    ),
+    ("parameter", "passage_drift"): ("passage.drift", "", "0 lets grains pass at any velocity"),
+    ("parameter", "passage_damping"): (
+        "passage.damping",
+        "",
+        "0 is for thin beds",
+    ),
     ("parameter", "segregation_model"): ("segregation.model", "", ""),
     ("parameter", "segregation_velocity"): (
         "segregation.velocity",
@@ -450,6 +462,10 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         **dataclasses.asdict(config.material),
         "passage_law": registry.model("passage", config.passage.law).number,
         "passage_velocity": passage_velocity(config),
+        "passage_rim": config.passage.rim,
+        "passage_passing_time": config.passage.passing_time,
+        "passage_drift": config.passage.drift,
+        "passage_damping": config.passage.damping,
         "segregation_model": registry.model("segregation", config.segregation.model).number,
         "segregation_velocity": config.segregation.velocity,
         "segregation_dilation": config.segregation.dilation,
@@ -482,6 +498,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))
+    closures = (config.passage.closure, config.segregation.closure)
+    put("closure", [CLOSURES.index(closure) for closure in closures])
     put("harmonic", config.motion.harmonic_rows())
     put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:

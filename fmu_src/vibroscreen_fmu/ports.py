@@ -84,6 +84,7 @@ ENUMERATIONS = {
         BUILT_IN["passage"],
         "every grain tries an opening alone",
         "a fine grain may pass together with another one",
+        "grains bounce, are guided by the rim and crowd in the openings",
     ),
     "segregation.model": _enumeration(
         "SegregationModel",
@@ -152,6 +153,18 @@ _PARAMETERS = {
     "passage_velocity": _Meaning(
         "Velocity at which grains fall through the openings; scales how fast the screen works",
         _TUNABLE,
+    ),
+    "passage_rim": _Meaning(
+        "How far the rim of an opening guides a grain in, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_passing_time": _Meaning(
+        "Time for which a grain takes up an opening, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_drift": _Meaning(
+        "Opening lost to the velocity of the bed, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_damping": _Meaning(
+        "How a deep bed keeps grains from bouncing, used by the passage law bounce", _TUNABLE
     ),
     "segregation_model": _Meaning("How fine grains find their way down through the bed"),
     "segregation_velocity": _Meaning(

@@ -96,7 +96,7 @@ from vibroscreen.kernels.layout import (
     node_vector,
     vector,
 )
-from vibroscreen.kernels.passage import PELEVIN, passage_probability
+from vibroscreen.kernels.passage import BOUNCE, passage_probability
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
     NOTHING,
@@ -221,7 +221,7 @@ def first_coarse(buffer, scene, load, layers):
     nodes = size.size
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
     model = int(parameter[SEGREGATION_MODEL])
-    known = int(parameter[PASSAGE_LAW]) <= PELEVIN and model <= CLASSIFIED
+    known = int(parameter[PASSAGE_LAW]) <= BOUNCE and model <= CLASSIFIED
     if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_COARSE] == 0.0 or not known:
         return nodes
     if buffer[N_SOURCE] > 0.0:

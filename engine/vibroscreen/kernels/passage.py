@@ -11,10 +11,28 @@ rho_b u P_i F_0i cover, kg/(m2 s).
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import call_passage, kernel
-from vibroscreen.kernels.layout import S_APERTURE, S_OPEN_AREA
+from math import sqrt
 
-GAUDIN, PELEVIN = 1, 2
+from vibroscreen.kernels.displacement import GRAVITY
+from vibroscreen.kernels.jit import call_passage, kernel
+from vibroscreen.kernels.layout import (
+    S_APERTURE,
+    S_BED_LOAD,
+    S_COVER,
+    S_DAMPING,
+    S_DENSITY,
+    S_DRIFT,
+    S_LOOSENING,
+    S_OPEN_AREA,
+    S_PASSAGE_VELOCITY,
+    S_PASSING_TIME,
+    S_RIM,
+    S_TRANSPORT_VELOCITY,
+)
+
+GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
+SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loosely
+_PER_VOLUME = SOLIDS * 6.0 / 3.141592653589793  # grains of size d in a volume: this over d^3
 
 
 @kernel
@@ -56,11 +74,41 @@ def pelevin(size, fraction, scene, probability):
 
 
 @kernel
+def bounce(size, fraction, scene, probability):
+    """Grains that bounce: guided by the rim, carried on, crowded in the openings, held by the bed.
+
+    P_i = phi G_i/((1 + damping H/a) (1 + B)), G_i = g_i max(0, g_i - drift v/sqrt(g a)) with
+    g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0; H = depth of the bed. B = the time for which an
+    opening is taken up, passing_time sqrt(a/g)/loosening for one grain or for as many finer ones as
+    fill it, times their number a second.
+    """
+    aperture = scene[S_APERTURE]
+    fall = sqrt(GRAVITY * aperture)
+    carried = scene[S_DRIFT] * scene[S_TRANSPORT_VELOCITY] / fall
+    beyond = (1.0 - scene[S_RIM]) / aperture
+    held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (scene[S_DENSITY] * aperture)
+    crowd = 0.0
+    for i in range(size.size):
+        guided = 1.0 - beyond * size[i] if size[i] < aperture else 0.0
+        probability[i] = guided * max(0.0, guided - carried)
+        room = max(size[i], 0.5 * aperture)
+        crowd += probability[i] * fraction[i] / (room * room * room)
+    tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])
+    taken = scene[S_PASSING_TIME] * aperture / fall * aperture * aperture
+    busy = taken * tries * _PER_VOLUME * crowd if tries > 0.0 else 0.0
+    scale = scene[S_OPEN_AREA] / (held * (1.0 + busy))
+    for i in range(size.size):
+        probability[i] *= scale
+
+
+@kernel
 def passage_probability(law, address, size, fraction, scene, probability):
     """P_i of the chosen law; `address` is that of a user's own."""
     if law == GAUDIN:
         gaudin(size, fraction, scene, probability)
     elif law == PELEVIN:
         pelevin(size, fraction, scene, probability)
+    elif law == BOUNCE:
+        bounce(size, fraction, scene, probability)
     else:
         call_passage(address, size, fraction, scene, probability)

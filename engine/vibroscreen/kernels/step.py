@@ -10,6 +10,12 @@ from math import isfinite, pi, sin
 
 from vibroscreen.kernels.cascade import advance_decks, all_covered
 from vibroscreen.kernels.classes import merge_classes, split_classes
+from vibroscreen.kernels.closure import (
+    OF_PASSAGE,
+    OF_SEGREGATION,
+    passage_factor,
+    percolation_factor,
+)
 from vibroscreen.kernels.deck import (
     clear_deck,
     depth_at_discharge,
@@ -29,6 +35,7 @@ from vibroscreen.kernels.layout import (
     AMPLITUDE,
     APERTURE,
     AT_CLASS_MASS,
+    AT_CLOSURE,
     AT_COUNTER,
     AT_DECK_BED,
     AT_DISPLACEMENT_RESULT,
@@ -132,7 +139,11 @@ from vibroscreen.kernels.layout import (
     PANEL,
     PARAMETER,
     PASSAGE_ADDRESS,
+    PASSAGE_DAMPING,
+    PASSAGE_DRIFT,
     PASSAGE_LAW,
+    PASSAGE_PASSING_TIME,
+    PASSAGE_RIM,
     PASSAGE_VELOCITY,
     R_CODE,
     R_INDEX,
@@ -142,17 +153,22 @@ from vibroscreen.kernels.layout import (
     S_AMPLITUDE,
     S_APERTURE,
     S_CONTACT_LOAD,
+    S_DAMPING,
     S_DENSITY,
     S_DILATION,
     S_DISSIPATION,
+    S_DRIFT,
     S_ELLIPTICITY,
     S_FREQUENCY,
     S_HORIZON,
     S_INCLINATION,
     S_LAYER_LOAD,
+    S_LOOSENING,
     S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
+    S_PASSING_TIME,
     S_PROPORTION,
+    S_RIM,
     S_SEGREGATION_VELOCITY,
     S_THROW_ANGLE,
     S_THROW_NUMBER,
@@ -187,7 +203,7 @@ from vibroscreen.kernels.layout import (
     scene_vector,
     vector,
 )
-from vibroscreen.kernels.passage import PELEVIN
+from vibroscreen.kernels.passage import BOUNCE
 from vibroscreen.kernels.place import deck_length, panel_count, residence_time
 from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE
 
@@ -214,6 +230,10 @@ PARAMETER_LIMITS = (
     (FRICTION_DECK, 0.0, 100.0),
     (FRICTION_INTERNAL, 0.0, 100.0),
     (PASSAGE_VELOCITY, 0.0, 100.0),
+    (PASSAGE_RIM, 0.0, 1.0),
+    (PASSAGE_PASSING_TIME, 0.0, 100.0),
+    (PASSAGE_DRIFT, 0.0, 10.0),
+    (PASSAGE_DAMPING, 0.0, 100.0),
     (SEGREGATION_VELOCITY, 0.0, 100.0),
     (SEGREGATION_DILATION, 0.0, 1.0),
     (SEGREGATION_PROPORTION, 0.0, 1.0),
@@ -277,7 +297,7 @@ def check_model(buffer, index, built_in, address):
 @kernel
 def check_models(buffer):
     """Check the sub-models; layers must be there if, and only if, the segregation uses them."""
-    code = check_model(buffer, PASSAGE_LAW, PELEVIN, PASSAGE_ADDRESS)
+    code = check_model(buffer, PASSAGE_LAW, BOUNCE, PASSAGE_ADDRESS)
     if code == ACCEPTED:
         code = check_model(buffer, DISPLACEMENT_MODEL, RIGID_BODY, DISPLACEMENT_ADDRESS)
     if code == ACCEPTED:
@@ -367,6 +387,17 @@ def vibrates(buffer):
     return inputs[FREQUENCY] > 0.0 and moved > 0.0
 
 
+@viewing
+def panel_motion(buffer, panel):
+    """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
+    inputs = scalars(buffer, AT_INPUT, len(INPUT))
+    harmonic = view2(buffer, int(buffer[AT_MOTION_HARMONIC]), MAX_HARMONICS + 1, 5)
+    extra = view2(buffer, int(buffer[AT_HARMONIC]), MAX_HARMONICS, 5)
+    rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
+    compose_motion(inputs[FREQUENCY : ELLIPTICITY + 1], extra, rotation, harmonic)
+    return harmonic
+
+
 @inlined
 def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
@@ -376,11 +407,7 @@ def solve_displacement(buffer, deck, number):
     result = scalars(buffer, AT_DISPLACEMENT_RESULT, DISPLACEMENT_RESULT)
     work = scalars(buffer, AT_DISPLACEMENT_WORK, int(buffer[N_DISPLACEMENT_WORK]))
     drive = scalars(buffer, AT_DRIVE_SETTING, 4)
-    harmonic = view2(buffer, int(buffer[AT_MOTION_HARMONIC]), MAX_HARMONICS + 1, 5)
-    extra = view2(buffer, int(buffer[AT_HARMONIC]), MAX_HARMONICS, 5)
-    motion = inputs[FREQUENCY : ELLIPTICITY + 1]
-    rotation = panel[INCLINATION] - panel_vector(buffer, 0, 0)[INCLINATION]
-    compose_motion(motion, extra, rotation, harmonic)
+    harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs[FREQUENCY], panel[INCLINATION]
     drive[2] = min(parameter[FRICTION_DECK], parameter[FRICTION_INTERNAL])
     drive[3] = inputs[DISPLACEMENT_VELOCITY] * panel[VELOCITY_FACTOR]
@@ -459,6 +486,24 @@ def stop_together(buffer, deck):
 
 
 # --- scene -------------------------------------------------------------------------------------
+@kernel
+def close_scene(buffer, deck, number, scene):
+    """Scale u and w of a panel by what its vibration makes of them, where a closure is chosen."""
+    closure = scalars(buffer, AT_CLOSURE, 2)
+    scene[S_LOOSENING] = 1.0
+    if closure[OF_PASSAGE] == 0.0 and closure[OF_SEGREGATION] == 0.0:
+        return
+    panel = panel_vector(buffer, deck, number)
+    harmonic = panel_motion(buffer, panel)
+    frequency = scalars(buffer, AT_INPUT, len(INPUT))[FREQUENCY]
+    if closure[OF_PASSAGE] > 0.0:
+        scene[S_LOOSENING] = passage_factor(harmonic, frequency, panel[APERTURE])
+        scene[S_PASSAGE_VELOCITY] *= scene[S_LOOSENING]
+    if closure[OF_SEGREGATION] > 0.0:
+        depth = scalars(buffer, AT_PARAMETER, len(PARAMETER))[CONTACT_DEPTH]
+        scene[S_SEGREGATION_VELOCITY] *= percolation_factor(harmonic, frequency, depth)
+
+
 @inlined
 def set_scene(buffer, deck, number, scene):
     """What a panel offers to the sub-models; without vibration nothing passes or percolates."""
@@ -472,6 +517,9 @@ def set_scene(buffer, deck, number, scene):
     factor = vector(buffer, AT_PASSAGE_FACTOR, int(buffer[N_PANELS]), deck)[number]
     scene[S_PASSAGE_VELOCITY] = alive * parameter[PASSAGE_VELOCITY] * factor
     scene[S_SEGREGATION_VELOCITY] = alive * parameter[SEGREGATION_VELOCITY]
+    close_scene(buffer, deck, number, scene)
+    scene[S_RIM], scene[S_PASSING_TIME] = parameter[PASSAGE_RIM], parameter[PASSAGE_PASSING_TIME]
+    scene[S_DRIFT], scene[S_DAMPING] = parameter[PASSAGE_DRIFT], parameter[PASSAGE_DAMPING]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
     scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
