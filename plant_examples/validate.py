@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+import ivanov_vaisberg
 from components.evidence import Section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,7 +28,7 @@ The command of a section gives its figures alone. Numerical verification (exact 
 conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 """
 
-SECTIONS: tuple[Section, ...] = ()
+SECTIONS: tuple[Section, ...] = (ivanov_vaisberg.SECTION,)
 
 
 def sections_of(text: str) -> dict[str, str]:

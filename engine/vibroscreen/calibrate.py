@@ -50,6 +50,9 @@ CONFIDENCE = 0.95
 CONDITION = 30.0
 SHARE = 0.5
 AT_BOUND = 1e-4  # of the range
+# Hardly fixed: an interval over more than a factor of 10, or half of a linear range.
+WIDE = 0.5 * math.log(10.0)
+TOGETHER = 0.9
 # Starts end alike within this part of the range; as well within this part of the sum of squares.
 ALIKE, AS_GOOD = 0.02, 0.01
 
@@ -366,6 +369,12 @@ class _Problem:
             )
         self.low = np.array([p.to_scale(p.lower) for p in parameters])
         self.width = np.array([p.to_scale(p.upper) for p in parameters]) - self.low
+        self.wide = np.array(
+            [
+                WIDE / w if p.scale == "log" else 0.25
+                for p, w in zip(parameters, self.width, strict=True)
+            ]
+        )
         self.step = np.array(
             [
                 STEP / w if p.scale == "log" else STEP
@@ -513,10 +522,18 @@ class _Problem:
         error[bound] = 0.0
         reach = self.scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom) * error
         for k in free:
-            if reach[k] > 0.5:
+            if reach[k] > self.wide[k]:
+                p = self.parameters[k]
+                low, high = (self.values(place + side * reach)[k] for side in (-1.0, 1.0))
+                with_others = "".join(
+                    f"; it goes with {self.parameters[i].name} (correlation "
+                    f"{correlation[k, i]:.2f})"
+                    for i in free
+                    if i != k and abs(correlation[k, i]) > TOGETHER
+                )
                 warnings.append(
-                    f"{self.parameters[k].name} is hardly fixed by the data: its 95 % interval is "
-                    "wider than its bounds"
+                    f"{p.name} is hardly fixed by the data, 95 % interval {low:.2g} to {high:.2g}"
+                    f"{with_others}: fix it, or add runs that depend on it"
                 )
         with np.errstate(invalid="ignore"):
             lower, upper = self.values(place - reach), self.values(place + reach)
