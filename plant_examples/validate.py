@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+import engineering_rules
 import ivanov_vaisberg
 from components.evidence import Section
 
@@ -28,7 +29,10 @@ The command of a section gives its figures alone. Numerical verification (exact 
 conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 """
 
-SECTIONS: tuple[Section, ...] = (ivanov_vaisberg.SECTION,)
+SECTIONS: tuple[Section, ...] = (
+    ivanov_vaisberg.SECTION,
+    engineering_rules.SECTION,
+)
 
 
 def sections_of(text: str) -> dict[str, str]:
