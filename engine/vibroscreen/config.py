@@ -11,6 +11,7 @@ import csv
 import dataclasses
 import json
 import math
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -591,6 +592,30 @@ class ScreenConfig:
         """The same screen with other sections, checked again."""
         return dataclasses.replace(self, **sections)
 
+    def value_of(self, name: str) -> float:
+        """Number of the FMU's variable of that name, SI; raises ConfigError if there is none."""
+        part: Any = self
+        if name == "passage.velocity":
+            return self.passage.velocity_at(self.decks[0].panels[0].aperture)
+        for attribute, place in _steps_to(self, name):
+            part = getattr(part, attribute)
+            part = part if place is None else part[place]
+        return float(part)
+
+    def with_values(self, values: Mapping[str, float]) -> ScreenConfig:
+        """The same screen with other numbers by name of the FMU's variables, SI, checked again.
+
+        A passage velocity takes the place of a table. Raises ConfigError.
+        """
+        changed = self
+        for name, value in values.items():
+            if name == "passage.velocity":
+                passage = dataclasses.replace(self.passage, velocity=value, velocity_table=None)
+                changed = changed.replace(passage=passage)
+            else:
+                changed = _with_value(changed, list(_steps_to(self, name)), value)
+        return changed
+
     def to_toml(self) -> str:
         """TOML text that `loads` takes back to this configuration.
 
@@ -630,6 +655,42 @@ class ScreenConfig:
                 f"at the base (material.friction_deck, friction_internal: {friction:.4g}), the bed "
                 'would run away: make it flatter, or use displacement.model = "prescribed"'
             )
+
+
+def _steps_to(config: ScreenConfig, name: str) -> Iterator[tuple[str, int | None]]:
+    """Attributes, with a place in a list, that lead to the number of a variable's name."""
+    part: Any = config
+    for word in name.split("."):
+        match = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", word)
+        attribute, place = (match[1], match[2]) if match else (word, None)
+        attribute = {"deck": "decks", "panel": "panels"}.get(attribute, attribute)
+        part = getattr(part, attribute, None)
+        if place is not None:
+            part = (
+                part[int(place) - 1]
+                if isinstance(part, tuple) and 0 < int(place) <= len(part)
+                else None
+            )
+        if part is None:
+            break
+        yield attribute, None if place is None else int(place) - 1
+    if isinstance(part, bool) or not isinstance(part, int | float):
+        raise ConfigError(
+            f"{name} is not a number of this screen: give the name of a variable such as "
+            "passage.velocity or deck[1].panel[1].aperture"
+        )
+
+
+def _with_value(part: Any, steps: list[tuple[str, int | None]], value: float) -> Any:
+    """A dataclass, or a tuple of numbers, with one number changed at the end of the steps."""
+    (attribute, place), *rest = steps
+    inner = getattr(part, attribute)
+    if place is None:
+        new = _with_value(inner, rest, value) if rest else value
+    else:
+        one = _with_value(inner[place], rest, value) if rest else value
+        new = (*inner[:place], one, *inner[place + 1 :])
+    return dataclasses.replace(part, **{attribute: new})
 
 
 def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:

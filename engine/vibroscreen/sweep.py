@@ -22,7 +22,7 @@ from vibroscreen.config import (
     Segregation,
 )
 from vibroscreen.errors import ConfigError, InputError
-from vibroscreen.fields import Entry, Number, entries, nearest
+from vibroscreen.fields import Number, entries, nearest
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels.entry import SOLVE_MANY, run
 from vibroscreen.kernels.layout import Layout
@@ -141,6 +141,56 @@ def solve_steady_many(
     return _table(base, given, settings, result, refused)
 
 
+class Sweep:
+    """Configurations of one structure, made ready once and solved many times under other numbers.
+
+    Raises InputError where they are not of one structure, ConfigError for what the engine cannot
+    run.
+    """
+
+    def __init__(self, designs: Sequence[ScreenConfig]) -> None:
+        self.base = _common(designs)
+        self._tables = any(config.passage.velocity_table is not None for config in designs)
+        self._settings, self._harmonics = _settings_of_configs(designs)
+        self._known = places(self.base, slice_layout(self.base))
+
+    def solve(
+        self,
+        values: Mapping[str, ArrayLike],
+        *,
+        threads: int | None = None,
+        refused: str = "raise",
+    ) -> SteadyTable:
+        """Steady states under `values` by name, a number each for the designs in turn.
+
+        So n designs take n numbers, or a multiple: row r belongs to design r modulo n. Errors as
+        of `solve_steady_many`.
+        """
+        columns = _columns(self.base, values)
+        count = len(next(iter(columns.values()))) if columns else len(self._settings)
+        repeat, rest = divmod(count, len(self._settings))
+        if rest:
+            raise InputError(
+                f"values have {count} rows for {len(self._settings)} designs: give a multiple",
+                "values",
+            )
+        settings = np.tile(self._settings, (repeat, 1))
+        _put_columns(self.base, columns, settings, self._known)
+        if self._tables and any(name.endswith(".aperture") for name in columns):
+            raise InputError(
+                "apertures change under passage.velocity_table: give passage.velocity", "values"
+            )
+        _check_lengths(self.base, settings, self._known)
+        harmonics = np.tile(self._harmonics, (repeat, 1))
+        return _table(
+            self.base,
+            columns,
+            settings,
+            _solve(self.base, settings, harmonics, threads, None),
+            refused,
+        )
+
+
 # --- what is asked for ---------------------------------------------------------------------------
 def _columns(config: ScreenConfig, values: Mapping[str, ArrayLike]) -> dict[str, Array]:
     """Values by name as columns of one length."""
@@ -206,6 +256,19 @@ def _settings_of_values(config: ScreenConfig, columns: Mapping[str, Array]) -> t
     setting, harmonic = _setting(config, layout)
     count = len(next(iter(columns.values()))) if columns else 1
     settings = np.tile(setting, (count, 1))
+    _put_columns(config, columns, settings, known)
+    _follow_table(config, columns, settings, known)
+    _check_lengths(config, settings, known)
+    return settings, np.tile(harmonic, (count, 1))
+
+
+def _put_columns(
+    config: ScreenConfig,
+    columns: Mapping[str, Array],
+    settings: Array,
+    known: Mapping[str, int],
+) -> None:
+    """Write columns of values into settings [design, number], where a sweep may change them."""
     for name, column in columns.items():
         if name == FEED_FRACTION:
             start = known[f"{FEED_FRACTION}[1]"]
@@ -219,9 +282,6 @@ def _settings_of_values(config: ScreenConfig, columns: Mapping[str, Array]) -> t
             )
         _check_column(config, name, column)
         settings[:, known[name]] = column
-    _follow_table(config, columns, settings, known)
-    _check_lengths(config, settings, known)
-    return settings, np.tile(harmonic, (count, 1))
 
 
 def _setting(config: ScreenConfig, layout: Layout) -> tuple[Array, Array]:
@@ -245,13 +305,22 @@ def _check_column(config: ScreenConfig, name: str, column: Array) -> None:
             raise ConfigError(f"design {design}: {error}") from None
 
 
-def _entry_of(name: str) -> Entry | None:
+def _entry_of(name: str) -> Number | None:
     """The entry of a configuration that a name belongs to; None for an input."""
     section, *_, last = name.split(".")
     kind = SECTIONS.get("panel" if ".panel" in name else section.split("[")[0])
     known = entries(kind) if kind is not None else {}
     entry = known.get(last)
     return entry if isinstance(entry, Number) else None
+
+
+def limits_of(name: str) -> tuple[float, float]:
+    """Least and largest legal value of a number by the name of the FMU's variable, SI."""
+    entry = _entry_of(name)
+    bounds = (entry.at_least, entry.above, entry.at_most, entry.below) if entry else (None,) * 4
+    low = max((b for b in bounds[:2] if b is not None), default=-np.inf)
+    high = min((b for b in bounds[2:] if b is not None), default=np.inf)
+    return low, high
 
 
 def _follow_table(
