@@ -633,7 +633,7 @@ TOML_REFUSALS = {
         (
             "deck[1].panel[1].inclination = 0.471239 rad (27 deg, slope 0.5095) is not below the "
             "friction at the base (material.friction_deck, friction_internal: 0.5), the bed would run "
-            'away: make it flatter, or use displacement.model = "prescribed"'
+            'away: make it flatter, or use displacement.model = "bed" or "prescribed"'
         ),
     ),
     "unequal decks": (
@@ -646,8 +646,8 @@ TOML_REFUSALS = {
     "unknown displacement": (
         EDGES + '[displacement]\nmodel = "rigidbody"',
         (
-            "displacement.model = 'rigidbody' is unknown: give one of prescribed, rigid_body "
-            "(did you mean 'rigid_body'?)"
+            "displacement.model = 'rigidbody' is unknown: give one of prescribed, rigid_body, "
+            "bed (did you mean 'rigid_body'?)"
         ),
     ),
     "unknown law": (
@@ -788,6 +788,17 @@ def test_too_steep_is_allowed_with_a_prescribed_velocity() -> None:
     config = ScreenConfig.loads(text.format("prescribed"))
     assert config.decks[0].panels[0].inclination == 35.0 * DEG
     assert "0.7002" in refused(text.format("rigid_body"))
+
+
+def test_steeper_than_the_bed_was_checked_for_is_a_warning() -> None:
+    text = EDGES + "[[deck]]\n[[deck.panel]]\ninclination_deg = {}\n[displacement]\nmodel = 'bed'"
+    with pytest.warns(UserWarning, match="the displacement model bed was checked") as warned:
+        config = ScreenConfig.loads(text.format(26))
+    assert config.decks[0].panels[0].inclination == 26.0 * DEG
+    said = str(warned[0].message)
+    assert said.startswith("deck[1].panel[1].inclination = 0.453786 rad (26 deg, slope 0.4877) is")
+    assert "above 0.475, 0.95 times the friction at the base" in said
+    ScreenConfig.loads(text.format(25))
 
 
 def test_error_of_a_file_notes_the_file(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ FIXED = {
 CHOICES = {
     "passage.law": ["gaudin", "pelevin"],
     "segregation.model": ["well_mixed", "proportional", "exchange", "classified"],
-    "displacement.model": ["prescribed", "rigid_body"],
+    "displacement.model": ["prescribed", "rigid_body", "bed"],
     "bed.initial": ["empty", "steady"],
 }
 CONSTANT = "size_classes.subdivision"

@@ -13,6 +13,7 @@ import json
 import math
 import re
 import tomllib
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +41,7 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.kernels import registry
+from vibroscreen.kernels.displacement import BED_DOMAIN
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed, checked_fractions
@@ -653,7 +655,16 @@ class ScreenConfig:
                 f"{name}.inclination = {panel.inclination:.6g} rad "
                 f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is not below the friction "
                 f"at the base (material.friction_deck, friction_internal: {friction:.4g}), the bed "
-                'would run away: make it flatter, or use displacement.model = "prescribed"'
+                'would run away: make it flatter, or use displacement.model = "bed" or "prescribed"'
+            )
+        steepest = BED_DOMAIN[0] * friction
+        if self.displacement.model == "bed" and math.tan(panel.inclination) > steepest:
+            warnings.warn(
+                f"{name}.inclination = {panel.inclination:.6g} rad "
+                f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is above {steepest:.4g}, "
+                f"{BED_DOMAIN[0]:g} times the friction at the base, up to which the displacement "
+                "model bed was checked: take its velocity as a guess, or make the panel flatter",
+                stacklevel=2,
             )
 
 

@@ -1,4 +1,4 @@
-"""Vibration of the deck and the mean velocity at which a rigid body would ride on it."""
+"""Vibration of the deck and the mean velocity at which a body or a bed would ride on it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from vibroscreen.kernels.displacement import (
     MAX_ORDER,
     ROWS,
     WORK_SIZE,
+    bed_of_grains,
     compose_motion,
     rigid_body,
 )
@@ -26,6 +27,7 @@ MAX_FREQUENCY = 100.0  # Hz
 MAX_AMPLITUDE = 1.0  # m
 MAX_HARMONICS = ROWS - 1
 SENSES = {"with_flow": 1.0, "against_flow": -1.0}
+_SOLVERS = {"rigid_body": rigid_body, "bed": bed_of_grains}
 
 
 def _checked(
@@ -174,15 +176,15 @@ def _check_harmonic(name: str, part: Harmonic) -> None:
 
 @dataclass(frozen=True)
 class ConveyingRegime:
-    """How a rigid body rides on the deck.
+    """How a body or a bed rides on the deck.
 
     velocity: mean velocity along the deck, down-slope positive [m/s]; negative where the body
-    travels towards the feed end. spread: 0 in a regime that repeats within 16 periods; elsewhere
-    the standard deviation [m/s] of the velocities of 16 blocks of 8 periods (above throw number 8
-    of longer blocks, as flights are longer). flight_fraction: share of the time in flight [1].
-    flights_per_period: take-offs per period [1]. dissipation: by friction and impacts [W/kg].
-    throw_number: largest normal acceleration of the deck towards the ground over g cos(inclination)
-    [1].
+    travels towards the feed end. spread: 0 in a regime that repeats within 16 periods, and of a
+    bed; elsewhere the standard deviation [m/s] of the velocities of 16 blocks of 8 periods (above
+    throw number 8 of longer blocks, as flights are longer). flight_fraction: share of the time in
+    flight [1]. flights_per_period: take-offs per period [1]. dissipation: by friction and impacts
+    [W/kg]. throw_number: largest normal acceleration of the deck towards the ground over
+    g cos(inclination) [1].
     """
 
     velocity: float
@@ -193,35 +195,45 @@ class ConveyingRegime:
     throw_number: float
 
 
-def conveying_regime(motion: Motion, inclination: float, friction: float) -> ConveyingRegime:
-    """Regime of a rigid body on a deck of `inclination` [rad, down-slope] and `friction` [1].
+def conveying_regime(
+    motion: Motion, inclination: float, friction: float, model: str = "rigid_body"
+) -> ConveyingRegime:
+    """Regime of the bed on a deck of `inclination` [rad, down-slope] and `friction` [1].
 
-    Stick, slip forward and back and flight, plastic normal impacts, tangential impulse limited by
-    friction; from rest on the deck at phase 0 (Blekhman, Vibrational Mechanics, 2000). Raises
-    InputError where |tan(inclination)| >= friction: the body runs away and has no mean velocity.
+    `model` "rigid_body": stick, slip forward and back and flight, plastic normal impacts,
+    tangential impulse limited by friction; from rest on the deck at phase 0 (Blekhman, Vibrational
+    Mechanics, 2000). Raises InputError where |tan(inclination)| >= friction: the body runs away and
+    has no mean velocity. "bed": grains that land softly and slip by speed (MODEL.md, Bed of
+    grains).
     """
     limit = 0.5 * math.pi
     inclination = _checked(
         "inclination", inclination, (-limit, limit), "rad", "were degrees meant? give radians"
     )
     friction = _checked("friction", friction, (0.0, 100.0), "(ratio)", "give a coefficient")
-    if not motion.at_rest and abs(math.tan(inclination)) >= friction:
+    if model not in _SOLVERS:
+        raise InputError(f"model = {model!r} is unknown: give one of {', '.join(_SOLVERS)}")
+    runs_away = model == "rigid_body" and abs(math.tan(inclination)) >= friction
+    if runs_away and not motion.at_rest:
         raise InputError(
             f"inclination = {inclination:.4g} rad ({inclination / DEG:.4g} deg, tangent "
             f"{math.tan(inclination):.4g}) is too steep for the friction at the base "
             f"({friction:g}), a rigid body would run away: make the deck flatter or use "
-            'displacement.model = "prescribed"'
+            'displacement.model = "bed" or "prescribed"'
         )
     result = np.zeros(7)
     drive = np.array([motion.frequency, inclination, friction, 0.0])
-    rigid_body(motion.on_panel(), drive, result, np.zeros(WORK_SIZE))
+    _SOLVERS[model](motion.on_panel(), drive, result, np.zeros(WORK_SIZE))
     return ConveyingRegime(*(float(value) for value in result[:6]))
 
 
-def transport_velocity(motion: Motion, inclination: float, friction: float) -> float:
-    """Mean velocity of a rigid body along the deck [m/s], down-slope positive.
+def transport_velocity(
+    motion: Motion, inclination: float, friction: float, model: str = "rigid_body"
+) -> float:
+    """Mean velocity of a rigid body or a `bed` along the deck [m/s], down-slope positive.
 
-    inclination [rad], down-slope positive; friction [1]; errors as in `conveying_regime`, which
-    gives more of the same regime. A negative velocity means that the deck does not convey.
+    inclination [rad], down-slope positive; friction [1]; models and errors as in
+    `conveying_regime`, which gives more of the same regime. A negative velocity means that the deck
+    does not convey.
     """
-    return conveying_regime(motion, inclination, friction).velocity
+    return conveying_regime(motion, inclination, friction, model).velocity

@@ -592,7 +592,7 @@ def refusal_of(
         return InputError(
             f"{given} ({value / DEG:.4g} deg, slope {math.tan(value):.4g}) is too steep for the "
             f"friction at the base ({limit:.4g}), a rigid body would run away: make the deck "
-            'flatter or use displacement.model = "prescribed"',
+            'flatter or use displacement.model = "bed" or "prescribed"',
             name,
         )
     if code == lay.NO_VELOCITY:

@@ -99,6 +99,7 @@ ENUMERATIONS = {
         BUILT_IN["displacement"],
         "the bed moves at displacement.velocity",
         "the bed moves as a rigid body on the vibrating deck",
+        "the bed moves as grains that land softly and slip by speed",
     ),
     "bed.initial": _enumeration(
         "InitialBed",
@@ -293,7 +294,10 @@ _OUTPUTS = {
     "alarm_transport": (
         "alarm.transport",
         "1",
-        _alarm("The vibration does not convey the bed down a deck"),
+        _alarm(
+            "The vibration does not convey the bed down a deck, or the displacement model bed is "
+            "used outside of what it was checked for"
+        ),
     ),
     "alarm_performance": (
         "alarm.performance",

@@ -13,7 +13,7 @@ from vibroscreen.kernels import jit
 
 # The number of a model is its place here, from 1 (an FMI enumeration).
 BUILT_IN = {
-    "displacement": ("prescribed", "rigid_body"),
+    "displacement": ("prescribed", "rigid_body", "bed"),
     "passage": ("gaudin", "pelevin", "bounce"),
     "segregation": ("well_mixed", "proportional", "exchange", "classified"),
 }

@@ -24,7 +24,13 @@ from vibroscreen.kernels.deck import (
     join_queue,
     start_cohort,
 )
-from vibroscreen.kernels.displacement import GRAVITY, compose_motion, prescribed, rigid_body
+from vibroscreen.kernels.displacement import (
+    GRAVITY,
+    bed_of_grains,
+    compose_motion,
+    prescribed,
+    rigid_body,
+)
 from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2, viewing
 from vibroscreen.kernels.layout import (
     ACCEPTED,
@@ -207,7 +213,7 @@ from vibroscreen.kernels.passage import BOUNCE
 from vibroscreen.kernels.place import deck_length, panel_count, residence_time
 from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE
 
-PRESCRIBED, RIGID_BODY = 1, 2
+PRESCRIBED, RIGID_BODY, BED = 1, 2, 3
 STEADY_START = 2  # bed.initial
 # A feed or fraction this little below its limit is round-off of another tool.
 ROUND_OFF = 1e-9
@@ -299,7 +305,7 @@ def check_models(buffer):
     """Check the sub-models; layers must be there if, and only if, the segregation uses them."""
     code = check_model(buffer, PASSAGE_LAW, BOUNCE, PASSAGE_ADDRESS)
     if code == ACCEPTED:
-        code = check_model(buffer, DISPLACEMENT_MODEL, RIGID_BODY, DISPLACEMENT_ADDRESS)
+        code = check_model(buffer, DISPLACEMENT_MODEL, BED, DISPLACEMENT_ADDRESS)
     if code == ACCEPTED:
         code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, SEGREGATION_ADDRESS)
     place = int(buffer[AT_PARAMETER]) + SEGREGATION_MODEL
@@ -416,6 +422,8 @@ def solve_displacement(buffer, deck, number):
         prescribed(harmonic, drive, result, work)
     elif model == RIGID_BODY:
         rigid_body(harmonic, drive, result, work)
+    elif model == BED:
+        bed_of_grains(harmonic, drive, result, work)
     else:
         call_displacement(int(buffer[DISPLACEMENT_ADDRESS]), harmonic, drive, result, work)
 
@@ -853,7 +861,7 @@ def write_bed(buffer, deck):
         fall = GRAVITY * scene[S_TRANSPORT_VELOCITY] * sin(scene[S_INCLINATION])
         share = panel_vector(buffer, deck, number)[LENGTH] / length
         power += share * max(0.0, scene[S_DISSIPATION] - fall)
-        if scene[S_TRANSPORT_STATUS] == 2.0:
+        if scene[S_TRANSPORT_STATUS] >= 2.0:
             output[ALARM_TRANSPORT] = 1.0
     deep = DEEP * scene_vector(buffer, AT_SCENE, deck, panels - 1)[S_APERTURE]
     if bed[DECK_DEPTH_DISCHARGE] > deep:
