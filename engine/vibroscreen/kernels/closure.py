@@ -60,7 +60,7 @@ def passage_factor(harmonic, frequency, aperture):
 
 @kernel
 def percolation_factor(harmonic, frequency, contact_depth):
-    """w over its value in a loose bed at V = sqrt(g h_c): looseness V/sqrt(g h_c)."""
+    """w over its value in a loose bed at V = sqrt(g h_c): looseness V^2/(g h_c)."""
     velocity = peak_normal_velocity(harmonic, frequency)
     loose = looseness(peak_acceleration(harmonic, frequency))
-    return loose * velocity / sqrt(GRAVITY * contact_depth)
+    return loose * velocity * velocity / (GRAVITY * contact_depth)

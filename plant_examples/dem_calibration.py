@@ -1,0 +1,637 @@
+"""Does one calibration serve other strokes, depths, feeds and slopes, as simulated by particles?
+
+The particle simulations (DEM) in `data/dem_*.csv` are of one plate, square holes of 8 mm between
+bars of 3 mm: batches that shake vertically, and continuous decks. The engine runs them with the
+passage law `bounce` and with u and w that follow from the vibration. Fitted:
+
+- to the four batches alone, six numbers; segregation and decks are then predicted with them;
+- to batches and decks together, seven numbers. They go to `screens/dem_plate.toml`, so that another
+  case of the plate needs only another feed, motion and inclination.
+
+Each case is left out of either fit in turn and predicted. Run `python
+plant_examples/dem_calibration.py`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+from scipy.optimize import least_squares
+
+from components.evidence import Section, table
+from vibroscreen import Feed, Motion, Screen, ScreenConfig
+from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
+from vibroscreen.config import (
+    Bed,
+    Deck,
+    Displacement,
+    Material,
+    Panel,
+    Passage,
+    Segregation,
+    Solver,
+)
+from vibroscreen.size_classes import SizeClasses
+from vibroscreen.steady import SteadyResult
+from vibroscreen.units import DEG, MM
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parent
+DATA = HERE / "data"
+PLATE = HERE / "screens" / "dem_plate.toml"
+
+APERTURE, OPEN_AREA = 8.0 * MM, (8.0 / 11.0) ** 2
+DENSITY = 2650.0  # kg/m3, of the spheres
+BULK_DENSITY = 0.58 * DENSITY
+COARSEST = 12.0 * MM
+BATCH_AREA = 0.11**2  # m2
+DECK_LENGTH = 0.66  # m
+# Spheres of one size are classes whose arithmetic mean is that size. Those of the decks can lie
+# side by side, those of the batches have empty classes between them.
+DECK_EDGES = tuple(d * MM for d in (2.75, 3.25, 4.75, 5.25, 6.75, 7.25, 7.75, 10.25, 13.75))
+BATCH_SIZES = (4.0, 6.0, 7.0, 10.0, 12.0)
+NARROW = 0.05  # mm
+JUDGED = ("B0", "Bh", "I10", "NEAR", "CP")
+DRIFTING = ("B15",)  # its hold-up still grows by 5 per cent of the feed: half the weight
+
+BATCH_NUMBERS = (
+    Parameter("passage.velocity", 0.05, 20.0, 1.0),
+    Parameter("passage.rim", 0.0, 0.9, 0.3, scale="linear"),
+    Parameter("passage.passing_time", 0.3, 10.0, 1.8),
+    Parameter("passage.damping", 0.01, 20.0, 0.5),
+    Parameter("segregation.velocity", 0.005, 1.0, 0.06),
+    Parameter("segregation.dilation", 0.3 * MM, 10.0 * MM, 3.0 * MM),
+)
+COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 1.0, 0.15, scale="linear"))
+
+
+def read(name: str) -> pd.DataFrame:
+    """A file of the particle simulations."""
+    return pd.read_csv(DATA / f"dem_{name}.csv", comment="#")
+
+
+def narrow(sizes_mm: tuple[float, ...]) -> SizeClasses:
+    """A narrow class at each size and an empty one between two."""
+    edges = [d + side for d in sizes_mm for side in (-NARROW, NARROW)]
+    return SizeClasses(tuple(d * MM for d in edges), 1)
+
+
+def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066) -> ScreenConfig:
+    """The plate of the simulations, horizontal."""
+    panel = Panel(DECK_LENGTH, 0.0, APERTURE, OPEN_AREA)
+    return ScreenConfig(
+        classes,
+        decks=(Deck(width, (panel,)),),
+        material=Material(BULK_DENSITY, 0.5, 0.5),
+        motion=motion,
+        displacement=Displacement("bed"),
+        passage=Passage("bounce", 1.0, drift=0.0, closure="vibration"),
+        segregation=Segregation("exchange", closure="vibration"),
+        bed=Bed(COARSEST, layers=24),
+        solver=Solver(1e-4),
+        feed=feed,
+        name="plate of the particle simulations",
+    )
+
+
+# --- cases ---------------------------------------------------------------------------------------
+def batch_runs() -> list[Run]:
+    """The batches; recoveries of the classes that can pass, each case with the same weight."""
+    runs = []
+    for name, part in read("batch_sieving").groupby("case", sort=False):
+        passed = part.pivot_table(index="time_s", columns="d_mm", values="passed")
+        number = part.groupby("d_mm")["N0"].first()
+        size = number.index.to_numpy() * MM
+        mass = number.to_numpy() * math.pi / 6.0 * DENSITY * size**3  # kg
+        classes = narrow(BATCH_SIZES)
+        fraction, recovery = np.zeros(classes.count), np.full((len(passed), classes.count), np.nan)
+        fraction[::2] = mass / mass.sum()
+        recovery[:, ::2] = np.where(size < APERTURE, passed, np.nan)
+        first = part.iloc[0]
+        motion = Motion.linear(first["A_mm"] * MM, first["f_Hz"], 90.0 * DEG)
+        runs.append(
+            Run(
+                str(name),
+                plate(classes, Feed(1.0, tuple(fraction)), motion),
+                recovery,
+                sigma=math.sqrt(np.isfinite(recovery).sum()),
+                areal_mass=float(mass.sum() / BATCH_AREA),
+                times=tuple(passed.index),
+            )
+        )
+    return runs
+
+
+def deck_config(case: pd.Series) -> ScreenConfig:
+    """A deck as it was simulated, with the feed that was measured."""
+    streams = read("deck_streams").query("case == @case.name")
+    feed = streams["feed_kg_s"].to_numpy()
+    if case["motion"] == "circular":
+        motion = Motion.circular(case["A_m"], case["f_Hz"], "against_flow")
+    else:
+        motion = Motion.linear(case["A_m"], case["f_Hz"], case["beta_deg"] * DEG)
+    config = plate(
+        SizeClasses(DECK_EDGES, 1),
+        Feed(float(feed.sum()), tuple(feed / feed.sum())),
+        motion,
+        case["W_m"],
+    )
+    (panel,) = config.decks[0].panels
+    tilted = dataclasses.replace(panel, inclination=case["alpha_deg"] * DEG)
+    return config.replace(decks=(Deck(case["W_m"], (tilted,)),))
+
+
+def with_measured_velocity(config: ScreenConfig, name: str) -> ScreenConfig:
+    """The same with the velocity of the bed in each of the twelve segments of the simulation."""
+    profile = read("deck_profile").query("case == @name and size_mm == 'all' and segment > 0")
+    (panel,) = config.decks[0].panels
+    panels = tuple(
+        dataclasses.replace(panel, length=DECK_LENGTH / len(profile), velocity_factor=velocity)
+        for velocity in profile["v_m_s"]
+    )
+    deck = dataclasses.replace(config.decks[0], panels=panels)
+    return config.replace(decks=(deck,), displacement=Displacement("prescribed", 1.0))
+
+
+def deck_runs(measured_velocity: bool = False) -> list[Run]:
+    """The continuous decks; the velocity of the bed from the model, or as measured."""
+    runs = []
+    streams = read("deck_streams")
+    for name, case in read("deck_cases").set_index("case").iterrows():
+        config = deck_config(case)
+        part = streams.query("case == @name")
+        passes = part["size_mm"].to_numpy() * MM < APERTURE
+        if measured_velocity:
+            config = with_measured_velocity(config, str(name))
+        sigma = math.sqrt(passes.sum()) * (2.0 if name in DRIFTING else 1.0)
+        recovery = np.where(passes, part["recovery"], np.nan)
+        runs.append(Run(str(name), config, recovery, sigma=sigma))
+    return runs
+
+
+# --- fits ----------------------------------------------------------------------------------------
+def fitted(runs: list[Run], numbers: tuple[Parameter, ...], what: str) -> Calibration:
+    """Fit with each case left out in turn, progress shown."""
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what)
+
+        def show(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        return calibrate(runs, numbers, starts=3, progress=show)
+
+
+@cache
+def batch_fit() -> Calibration:
+    """Six numbers from the four batches."""
+    return fitted(batch_runs(), BATCH_NUMBERS, "batches")
+
+
+@cache
+def common_fit() -> Calibration:
+    """Seven numbers from batches and decks together."""
+    return fitted(batch_runs() + deck_runs(), COMMON_NUMBERS, "batches and decks")
+
+
+def numbers_of(calibration: Calibration) -> dict[str, float]:
+    """Fitted numbers by the name of the variable."""
+    return calibration.settings(calibration.runs[0])
+
+
+def rmse(error: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def at(frame: pd.DataFrame, row: str, column: str) -> float:
+    """A number of a table."""
+    return float(frame[column].to_numpy()[frame.index.get_loc(row)])
+
+
+def by_run(calibration: Calibration) -> pd.DataFrame:
+    """RMSE of the recoveries below the aperture by run: fitted, and with the run left out."""
+    frame = calibration.frame()
+    errors = pd.DataFrame(
+        {
+            "run": frame["run"],
+            "fitted": frame["modelled"] - frame["measured"],
+            "left out": frame["held_out"] - frame["measured"],
+        }
+    )
+    return errors.groupby("run", sort=False).agg(rmse)
+
+
+def predicted(config: ScreenConfig, values: dict[str, float]) -> SteadyResult:
+    """Steady state of a deck with fitted numbers."""
+    return Screen(config.with_values(values)).solve_steady()
+
+
+def deck_errors(runs: list[Run], values: dict[str, float]) -> pd.DataFrame:
+    """RMSE of the recoveries below the aperture of each deck with the given numbers."""
+    rows = {}
+    for run in runs:
+        result = predicted(run.config, values)
+        below = np.isfinite(run.recovery)
+        rows[run.name] = (rmse((result.recovery - run.recovery)[below]), result.transport_velocity)
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["rmse", "velocity"])
+
+
+def write_plate(calibration: Calibration) -> str:
+    """The common calibration as a configuration: the base case B0 with the fitted numbers."""
+    base = next(run.config for run in calibration.runs if run.name == "B0")
+    text = calibration.configure(base).to_toml()
+    return f"""\
+# Plate of the particle simulations in data/dem_*.csv, one calibration for its batches and decks.
+# Written by plant_examples/dem_calibration.py. Another case needs another feed, motion and
+# inclination. Classes: spheres of 3, 4, 5, 6, 7, 7.5, 9 and 12 mm, the means of the limits.
+
+{text}"""
+
+
+# --- segregation ---------------------------------------------------------------------------------
+BED_DEPTH = 0.035  # m; the file does not say it: that of the batches, twice the mean height
+SMOOTHED = 9  # cycles
+
+
+def height_gap(case: pd.DataFrame, values: dict[str, float]) -> tuple[Array, Array]:
+    """Height of the coarse grains over the fine ones on a blank plate [m], over the time [s].
+
+    The bed starts mixed. It rides on a blank deck, at 1 m/s, so that places are times.
+    """
+    first = case.iloc[0]
+    classes = narrow((first["d_fine"], first["d_coarse"]))
+    motion = Motion.linear(first["A_mm"] * MM, 15.625, 90.0 * DEG)
+    config = plate(classes, Feed(BED_DEPTH * BULK_DENSITY, (0.3, 0.0, 0.7)), motion, 1.0)
+    config = config.with_values(values).replace(
+        decks=(Deck(1.0, (Panel(12.0, 0.0, APERTURE, 0.0),)),),
+        displacement=Displacement("prescribed", 1.0),
+    )
+    profile = Screen(config).solve_steady().profile
+    thickness = profile.load.sum(axis=2) / BULK_DENSITY
+    middle = np.cumsum(thickness, axis=1) - 0.5 * thickness
+    height = (profile.load * middle[:, :, None]).sum(axis=1) / profile.load.sum(axis=1).clip(1e-12)
+    return profile.position, height[:, 2] - height[:, 0]
+
+
+@cache
+def growth(values: tuple[tuple[str, float], ...]) -> pd.DataFrame:
+    """Growth of the height gap over each simulation [mm], and that of the model from there on."""
+    rows = {}
+    for name, case in read("segregation").groupby("case"):
+        weight = np.full(SMOOTHED, 1.0 / SMOOTHED)
+        gap = np.convolve(case["z_coarse"] - case["z_fine"], weight, "valid")
+        time = np.convolve(case["time_s"], weight, "valid")
+        at, modelled = height_gap(case, dict(values))
+        # The simulated bed starts with a gap, so the model is met where it has the same one.
+        start = np.interp(gap[0], modelled / MM, at)
+        end = np.interp(start + time[-1] - time[0], at, modelled / MM)
+        rows[name] = (gap[0], gap[-1] - gap[0], end - gap[0])
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["start", "measured", "modelled"])
+    frame["error"] = frame["modelled"] / frame["measured"] - 1.0
+    return frame
+
+
+# --- isolated spheres ----------------------------------------------------------------------------
+def isolated() -> tuple[float, float, float]:
+    """Rim that isolated spheres tell, RMSE of their part on deck, and that with six free rates."""
+    part = read("isolated_passage").query("1 <= cycles <= 44")
+    columns = [str(name) for name in part.columns if str(name).startswith("on_deck")]
+    size = np.array([float(name.split("_d")[1]) for name in columns]) * MM
+    cycles, on_deck = part["cycles"].to_numpy(), part[columns].to_numpy()
+
+    def error(rate: Array, start: float) -> Array:
+        left = np.exp(-np.maximum(0.0, cycles[:, None] - start) * rate)
+        return np.ravel(left - on_deck)
+
+    def by_law(point: Array) -> Array:
+        return error(point[0] * (1.0 - (1.0 - point[1]) * size / APERTURE) ** 2, point[2])
+
+    law = least_squares(by_law, [0.8, 0.3, 0.7])
+    free = least_squares(lambda point: error(point[:6], point[6]), [0.2] * 6 + [0.7])
+    return float(law.x[1]), rmse(law.fun), rmse(free.fun)
+
+
+# --- along the deck ------------------------------------------------------------------------------
+def along(run: Run, values: dict[str, float]) -> pd.DataFrame:
+    """Undersize by segment [kg/(m2 s)]: measured, its standard error by counts, and modelled."""
+    part = read("deck").query("case == @run.name")
+    result = predicted(run.config, values)
+    width = run.config.decks[0].width
+    segment = part.groupby("segment")
+    start, stop = segment["x0_m"].first().to_numpy(), segment["x1_m"].first().to_numpy()
+    area = width * (stop - start)
+    grain = np.where(part["particles"] > 0, part["undersize_kg_s"] / part["particles"].clip(1), 0.0)
+    variance = (grain**2 * part["particles"]).groupby(part["segment"]).sum()
+    flow = result.profile.passed.sum(axis=1) * width * result.transport_velocity
+    at = result.profile.position
+    modelled = (np.interp(stop, at, flow) - np.interp(start, at, flow)) / area
+    return pd.DataFrame(
+        {
+            "x_m": 0.5 * (start + stop),
+            "measured": segment["undersize_kg_s"].sum().to_numpy() / area,
+            "error": np.sqrt(variance.to_numpy()) / area,
+            "modelled": modelled,
+        }
+    )
+
+
+# --- pictures ------------------------------------------------------------------------------------
+def draw_batches(calibration: Calibration, picture: Path) -> None:
+    """Recovery over time of the batches, simulated, fitted and left out."""
+    from matplotlib.figure import Figure
+
+    frame = calibration.frame().query("time_s == time_s")
+    figure = Figure(figsize=(10, 7), layout="constrained")
+    for axes, (name, part) in zip(
+        figure.subplots(2, 2, sharex=True, sharey=True).flat,
+        frame.groupby("run", sort=False),
+        strict=True,
+    ):
+        for number, k in enumerate(part["size_class"].unique()):
+            line, size = part.query("size_class == @k"), BATCH_SIZES[(k - 1) // 2]
+            colour = f"C{number}"
+            axes.plot(line["time_s"], line["measured"], ".", color=colour, label=f"{size:g} mm")
+            axes.plot(line["time_s"], line["modelled"], color=colour)
+            axes.plot(line["time_s"], line["held_out"], "--", color=colour, linewidth=1)
+        axes.set_title(str(name))
+        axes.legend(loc="lower right")
+    figure.supxlabel("time, s")
+    figure.supylabel("recovery to undersize (points: DEM, lines: fitted, dashed: left out)")
+    figure.savefig(picture, dpi=110)
+
+
+def draw_segregation(values: dict[str, float], picture: Path) -> None:
+    """Height of the coarse spheres over the fine ones."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for number, (name, case) in enumerate(read("segregation").groupby("case")):
+        gap = case["z_coarse"] - case["z_fine"]
+        time, modelled = height_gap(case, values)
+        start = np.interp(gap.iloc[:SMOOTHED].mean(), modelled / MM, time)
+        shown = (time > start) & (time < start + case["time_s"].max())
+        axes.plot(case["time_s"], gap, ".", color=f"C{number}", label=f"{name}, DEM")
+        axes.plot(time[shown] - start, modelled[shown] / MM, color=f"C{number}", label="engine")
+    axes.set(xlabel="time, s", ylabel="coarse over fine, mm")
+    axes.legend()
+    figure.savefig(picture, dpi=110)
+
+
+def draw_recoveries(common: Calibration, batch: dict[str, float], picture: Path) -> None:
+    """Recovery by size of the decks."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    errors = read("deck_streams").set_index("case")
+    frame = common.frame().query("time_s != time_s")
+    runs = {run.name: run for run in common.runs}
+    for axes, (name, part) in zip(
+        figure.subplots(2, 3, sharey=True).flat, frame.groupby("run", sort=False), strict=True
+    ):
+        noise = errors.loc[name].iloc[: len(part)]
+        size = noise["size_mm"]
+        sigma = np.maximum(noise["recovery_se_binomial"], noise["recovery_se_blocks"])
+        axes.errorbar(size, part["measured"], 2.0 * sigma, fmt="ok", label="DEM, 2 sigma")
+        axes.plot(size, part["modelled"], "C0", label="common fit")
+        axes.plot(size, part["held_out"], "C0--", label="this case left out")
+        alone = predicted(runs[str(name)].config, batch).recovery[: len(part)]
+        axes.plot(size, alone, "C1:", label="batch fit")
+        axes.set(title=str(name), xlabel="size, mm")
+    axes.legend()
+    figure.supylabel("recovery to undersize")
+    figure.savefig(picture, dpi=110)
+
+
+def draw_along(profiles: dict[str, pd.DataFrame], picture: Path) -> None:
+    """Undersize along the decks with two standard errors of what was counted."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    for axes, (name, frame) in zip(
+        figure.subplots(2, 3, sharex=True).flat, profiles.items(), strict=True
+    ):
+        low = frame["measured"] - 2.0 * frame["error"]
+        high = frame["measured"] + 2.0 * frame["error"]
+        axes.fill_between(frame["x_m"], low, high, color="0.85")
+        axes.plot(frame["x_m"], frame["measured"], "ok", label="DEM, 2 sigma")
+        axes.plot(frame["x_m"], frame["modelled"], "C0", label="engine")
+        axes.set(title=name)
+        axes.set_ylim(bottom=0.0)
+    axes.legend()
+    figure.supxlabel("place along the deck, m")
+    figure.supylabel("undersize, kg/(m2 s)")
+    figure.savefig(picture, dpi=110)
+
+
+# --- sections of VALIDATION.md -------------------------------------------------------------------
+def numbers_table(calibration: Calibration) -> str:
+    """Fitted numbers with their intervals and the range over the left-out fits."""
+    frame = calibration.fit.frame()
+    rows = [
+        (
+            name,
+            f"{row['value']:.3g}",
+            f"{row['lower_95']:.2g} to {row['upper_95']:.2g}",
+            f"{row['held_out_min']:.2g} to {row['held_out_max']:.2g}",
+        )
+        for name, row in frame.iterrows()
+    ]
+    return table(("number (SI)", "value", "95 %", "a case left out"), rows)
+
+
+def said(calibration: Calibration) -> str:
+    """What the fit warns of."""
+    return "".join(f"- {warning}\n" for warning in calibration.fit.warnings) or "- nothing\n"
+
+
+def write_batches(pictures: Path) -> str:
+    """Section "DEM batch"."""
+    calibration = batch_fit()
+    draw_batches(calibration, pictures / "dem_batch.png")
+    errors = by_run(calibration)
+    rim, of_law, of_free = isolated()
+    rows = [
+        (name, f"{row['fitted']:.4f}", f"{row['left out']:.4f}") for name, row in errors.iterrows()
+    ]
+    rows.append(("all", f"{calibration.fit.rmse:.4f}", f"{calibration.fit.held_out_rmse:.4f}"))
+    return f"""\
+Data: `data/dem_batch_sieving.csv`: particle simulations of batches on a vertically vibrating plate,
+holes of 8 mm; 4, 6 and 7 mm pass, 10 and 12 mm stay. Two seeds differ by an RMSE of 0.03. S1 3 mm
+at 15 Hz, 35 mm deep; S3 4 mm; S4 half as deep; S6 a finer feed.
+
+**Fitted with {len(calibration.fit.parameters)} numbers, RMSE {calibration.fit.rmse:.4f}** (target
+0.04). **Each case left out in turn: {calibration.fit.held_out_rmse:.4f}.** Law `bounce`, model
+`exchange`, both velocities by the closure in the vibration; depth of the layers 12 mm, one coarsest
+grain (not fitted); drift plays no part, as nothing conveys.
+
+{table(("case", "RMSE fitted", "RMSE left out"), rows)}
+![Recovery over time of the batches](validation/dem_batch.png)
+
+{numbers_table(calibration)}
+What the fit says of itself:
+
+{said(calibration)}
+All batches vibrate at 15 Hz, so how the numbers go with frequency is that of the closure, not of
+these data.
+
+Isolated spheres (`data/dem_isolated_passage.csv`, six sizes): the law's shape in size with a rim of
+{rim:.2f} meets the part still on the deck to an RMSE of {of_law:.3f}; six free rates to
+{of_free:.3f}. In a bed the rim is larger, as neighbours push.
+"""
+
+
+def write_segregation(pictures: Path) -> str:
+    """Section "DEM segregation"."""
+    values = numbers_of(batch_fit())
+    draw_segregation(values, pictures / "dem_segregation.png")
+    alone, common = (growth(tuple(numbers_of(c).items())) for c in (batch_fit(), common_fit()))
+    rows = [
+        (
+            name,
+            f"{row['start']:.1f}",
+            f"{row['measured']:.2f}",
+            f"{row['modelled']:.2f} ({row['error']:+.0%})",
+            f"{at(common, name, 'modelled'):.2f} ({at(common, name, 'error'):+.0%})",
+        )
+        for name, row in ((str(n), r) for n, r in alone.iterrows())
+    ]
+    head = ("case", "gap at the start, mm", "growth in DEM", "batch constants", "common constants")
+    return f"""\
+Data: `data/dem_segregation.csv`: mean heights of 4 and 10 mm spheres (30 : 70 by mass) on a
+vibrating plate without holes at 15.625 Hz, G1 3 mm, G2 2 mm. Nothing is fitted here: the constants
+are those of the batches. The depth of the bed is not in the file: 35 mm, as in the batches, which
+agrees with the mean height. Growth of the gap over the run, mm, target 25 %:
+
+{table(head, rows)}
+The simulated bed starts with a gap (the floor alone makes 3 mm, the radii), so the model, which
+starts mixed, is taken from the moment it has the same gap. That w goes with the square of the
+velocity was chosen with G1 and G2 in view; its size was not.
+
+![Height of the coarse spheres over the fine ones](validation/dem_segregation.png)
+"""
+
+
+def write_decks(pictures: Path) -> str:
+    """Section "DEM decks"."""
+    batch, common = numbers_of(batch_fit()), common_fit()
+    values = numbers_of(common)
+    runs, measured = deck_runs(), deck_runs(measured_velocity=True)
+    draw_recoveries(common, batch, pictures / "dem_decks.png")
+    profiles = {run.name: along(run, values) for run in runs}
+    draw_along(profiles, pictures / "dem_decks_along.png")
+    errors = by_run(common)
+    own, alone = deck_errors(measured, values), deck_errors(measured, batch)
+    modelled = deck_errors(runs, values)
+    velocity = read("deck_cases").set_index("case")["v_bed_screen_m_s"]
+    rows = []
+    for run in runs:
+        inside = profiles[run.name]
+        near = (inside["modelled"] - inside["measured"]).abs() < 2.0 * inside["error"]
+        rows.append(
+            (
+                run.name,
+                f"{at(alone, run.name, 'rmse'):.3f}",
+                f"{at(errors, run.name, 'fitted'):.3f}",
+                f"{at(errors, run.name, 'left out'):.3f}",
+                f"{at(own, run.name, 'rmse'):.3f}",
+                f"{velocity[run.name]:.3f}",
+                f"{at(modelled, run.name, 'velocity'):.3f}",
+                f"{near.sum()} of {len(near)}",
+            )
+        )
+    head = (
+        "case",
+        "batch constants",
+        "common fit",
+        "left out",
+        "common, v of the DEM",
+        "v of the DEM, m/s",
+        "v of `bed`",
+        "segments within 2 sigma",
+    )
+
+    def over(column: pd.Series, names: tuple[str, ...]) -> float:
+        return rmse(column.loc[list(names)].to_numpy(dtype=float))
+
+    batches = tuple(run.name for run in common.runs if run.areal_mass is not None)
+    in_batches = [
+        (name, f"{at(errors, name, 'fitted'):.4f}", f"{at(errors, name, 'left out'):.4f}")
+        for name in batches
+    ]
+    return f"""\
+Data: `data/dem_deck*.csv`: continuous decks of 0.66 m, spheres of 3 to 12 mm, feed as measured. B0
+linear 45 degrees, 4 mm, 15 Hz; Bh half the feed; B15 1.5 times (its hold-up still grows: half the
+weight); I10 10 degrees down; NEAR more near-size; CP circular, 18 degrees, against the flow. Errors
+are RMSE over the sizes below the aperture.
+
+**One calibration for batches and decks, {len(common.fit.parameters)} numbers: RMSE
+{over(errors["fitted"], JUDGED):.4f} on B0, Bh, I10, NEAR and CP** (target 0.05), B15
+{at(errors, "B15", "fitted"):.4f}, batches {over(errors["fitted"], batches):.4f}. **Each case left
+out in turn: {over(errors["left out"], JUDGED):.4f} on the five decks**, batches
+{over(errors["left out"], batches):.4f}. The velocity of the bed is that of the model `bed`. It is
+`plant_examples/screens/dem_plate.toml`.
+
+With the constants of the batches, nothing refitted, and the velocities of the simulation: RMSE
+{over(alone["rmse"], JUDGED):.3f} on the five. A batch does not convey, so it says nothing of the
+drift, taken as 0, and its damping is that of one depth and the half; near-size passes too easily
+then.
+
+{table(head, rows)}
+![Recovery by size of the decks](validation/dem_decks.png)
+
+{table(("batch", "common fit", "left out"), in_batches)}
+{numbers_table(common)}
+What the fit says of itself:
+
+{said(common)}
+Undersize along the deck, with two standard errors of the particles counted (they hold neither the
+drift of the simulation nor its correlation in time):
+
+![Undersize along the decks](validation/dem_decks_along.png)
+
+The blank feed plate of the simulations, 77 mm, is left out: the bed enters mixed. The depth of the
+layers, 12 mm, is that of the coarsest grain.
+"""
+
+
+COMMAND = "python plant_examples/dem_calibration.py"
+SECTIONS = (
+    Section("DEM batch", COMMAND, write_batches),
+    Section("DEM segregation", COMMAND, write_segregation),
+    Section("DEM decks", COMMAND, write_decks),
+)
+
+
+def main(
+    output: Annotated[Path, typer.Option(help="Where the calibrated plate goes.")] = PLATE,
+    pictures: Annotated[Path, typer.Option(help="Folder of the pictures.")] = (
+        HERE.parent / "engine" / "validation"
+    ),
+) -> Calibration:
+    """Fit, predict what was not fitted, print the sections, write the plate."""
+    pictures.mkdir(parents=True, exist_ok=True)
+    for section in SECTIONS:
+        print(f"## {section.title}\n\n{section.write(pictures)}")
+    output.write_text(write_plate(common_fit()), encoding="utf-8")
+    decks = by_run(common_fit()).loc[list(JUDGED)]
+    print(
+        f"One calibration: RMSE {rmse(decks['fitted'].to_numpy()):.3f} on five decks, "
+        f"{rmse(decks['left out'].to_numpy()):.3f} on each when left out. {output}"
+    )
+    return common_fit()
+
+
+if __name__ == "__main__":
+    typer.run(main)
