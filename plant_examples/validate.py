@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
 from components.evidence import Section
@@ -31,6 +32,7 @@ conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 
 SECTIONS: tuple[Section, ...] = (
     ivanov_vaisberg.SECTION,
+    *dem_calibration.SECTIONS,
     engineering_rules.SECTION,
 )
 

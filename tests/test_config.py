@@ -101,7 +101,13 @@ TOLD = {
     "motion.harmonic.normal_phase_deg",
     "motion.harmonic.order",
     "motion.sense",
+    "passage.closure",
+    "passage.damping",
+    "passage.drift",
+    "passage.passing_time",
+    "passage.rim",
     "passage.velocity_table",
+    "segregation.closure",
     "solver.packages",
 }
 EDGES = "[size_classes]\nedges_mm = [0, 4, 16, 63]\n"
@@ -652,7 +658,9 @@ TOML_REFUSALS = {
     ),
     "unknown law": (
         EDGES + '[passage]\nlaw = "godin"',
-        ("passage.law = 'godin' is unknown: give one of gaudin, pelevin (did you mean 'gaudin'?)"),
+        (
+            "passage.law = 'godin' is unknown: give one of gaudin, pelevin, bounce (did you mean 'gaudin'?)"
+        ),
     ),
     "unknown segregation": (
         EDGES + "[segregation]\nmodel = 3",

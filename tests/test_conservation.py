@@ -114,7 +114,7 @@ def test_ten_thousand_random_steps(displacement: str) -> None:
     random_run(small_screen(displacement=Displacement(displacement)), 10_000, seed=2)
 
 
-@pytest.mark.parametrize("law", ["gaudin", "pelevin"])
+@pytest.mark.parametrize("law", ["gaudin", "pelevin", "bounce"])
 @pytest.mark.parametrize("model", MODELS)
 def test_random_steps_of_every_model(model: str, law: str) -> None:
     screen = small_screen(

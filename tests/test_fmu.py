@@ -97,6 +97,10 @@ TUNABLE = {
     "material.friction_deck": ("1", None),
     "material.friction_internal": ("1", None),
     "passage.velocity": ("m/s", None),
+    "passage.rim": ("1", None),
+    "passage.passing_time": ("1", None),
+    "passage.drift": ("1", None),
+    "passage.damping": ("1", None),
     "segregation.velocity": ("m/s", None),
     "segregation.dilation": ("m", "mm"),
     "segregation.proportion": ("1", None),
@@ -116,7 +120,7 @@ FIXED = {
     "solver.tolerance": ("1", None),
 }
 CHOICES = {
-    "passage.law": ["gaudin", "pelevin"],
+    "passage.law": ["gaudin", "pelevin", "bounce"],
     "segregation.model": ["well_mixed", "proportional", "exchange", "classified"],
     "displacement.model": ["prescribed", "rigid_body", "bed"],
     "bed.initial": ["empty", "steady"],

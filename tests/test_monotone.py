@@ -15,7 +15,7 @@ from vibroscreen.stream import Feed
 EDGES = (0.0, 0.002, 0.004, 0.006, 0.008, 0.010, 0.014, 0.020)
 APERTURE = 0.010
 TOLERANCE = 1e-4
-LAWS = ("gaudin", "pelevin")
+LAWS = ("gaudin", "pelevin", "bounce")
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 
 fractions = st.lists(st.floats(0.02, 1.0), min_size=7, max_size=7)

@@ -96,7 +96,7 @@ def configs(draw: st.DrawFn) -> ScreenConfig:
         *decks,
         fraction=draw(compositions(len(edges) - 1)),
         feed=draw(power(1e-9, 1e3)),
-        law=draw(st.sampled_from(("gaudin", "pelevin"))),
+        law=draw(st.sampled_from(("gaudin", "pelevin", "bounce"))),
         u=draw(power(1e-9, 100.0)),
         model=draw(st.sampled_from(MODELS)),
         w=draw(power(1e-9, 100.0)),

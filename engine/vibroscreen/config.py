@@ -385,7 +385,7 @@ class Passage:
     )
     rim: float = field(default=0.3, metadata=number("rim", at_least=0.0, at_most=1.0))
     passing_time: float = field(
-        default=1.8, metadata=number("passing_time", at_least=0.0, at_most=100.0)
+        default=2.0, metadata=number("passing_time", at_least=0.0, at_most=100.0)
     )
     drift: float = field(default=0.15, metadata=number("drift", at_least=0.0, at_most=10.0))
     damping: float = field(default=0.5, metadata=number("damping", at_least=0.0, at_most=100.0))
