@@ -475,7 +475,7 @@ at 15 Hz, 35 mm deep; S3 4 mm; S4 half as deep; S6 a finer feed.
 0.04). **Each case left out in turn: {calibration.fit.held_out_rmse:.4f}.** Law `bounce`, model
 `exchange`, both velocities by the closure in the vibration; depth of the layers 12 mm, one coarsest
 grain (not fitted). passing_time is 2, free fall through two apertures, and not fitted: that gives
-1.9 and gains nothing here, but without S6 nothing fixes it. Drift plays no part, as nothing conveys.
+1.9 and gains nothing here, but without S6 nothing fixes it. Drift plays no part: nothing conveys.
 
 {table(("case", "RMSE fitted", "RMSE left out"), rows)}
 ![Recovery over time of the batches](validation/dem_batch.png)
