@@ -14,6 +14,7 @@ from rich.console import Console
 
 import engineering_rules
 import ivanov_vaisberg
+import survey_planning
 from components.evidence import Section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,6 +32,7 @@ conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 
 SECTIONS: tuple[Section, ...] = (
     ivanov_vaisberg.SECTION,
+    survey_planning.SECTION,
     engineering_rules.SECTION,
 )
 

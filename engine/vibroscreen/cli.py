@@ -158,9 +158,10 @@ def _parameter(text: str, run: Run) -> Parameter:
 
 def _print(frame: pd.DataFrame, title: str) -> None:
     """A pandas table on the console."""
-    table = Table(str(frame.index.name or ""), title=title)
+    table = Table(title=title)
+    table.add_column(str(frame.index.name or ""), overflow="fold")
     for name in frame.columns:
-        table.add_column(str(name), justify="right")
+        table.add_column(str(name), justify="right", overflow="fold")
     for index, row in frame.iterrows():
         table.add_row(str(index), *(f"{value:.4g}" for value in row))
     console.print(table)
