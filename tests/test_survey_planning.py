@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,6 +38,18 @@ def test_the_command_of_the_readme(tmp_path: Path) -> None:
     written = ScreenConfig.load(target)
     fitted = [written.value_of(name) for name in example.TRUTH]
     assert_allclose(fitted, list(example.TRUTH.values()), rtol=0.25)
+
+
+def test_the_code_of_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
+    """It runs as printed and finds the passage velocity that all runs share."""
+    text = (example.HERE.parent / "README.md").read_text(encoding="utf-8")
+    (block,) = [part for part in re.findall(r"```python\n(.*?)```", text, re.S) if "survey" in part]
+    names: dict[str, Any] = {}
+    code = block.replace('"plant_examples/', f'"{example.HERE.as_posix()}/')
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["calibrated"].passage.velocity == pytest.approx(0.35, rel=0.25)
+    assert names["found"].fit.rmse == pytest.approx(example.NOISE, rel=0.3)
+    assert "passage.velocity" in capsys.readouterr().out
 
 
 def test_more_runs_fix_more() -> None:
