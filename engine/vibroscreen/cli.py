@@ -117,10 +117,9 @@ def calibrate_(
 
             _print(pd.DataFrame(found.correlation, names, names), "correlation")
         _print(result.frame().groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
-        console.print(
-            f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}; of runs left out of the "
-            f"fit: {found.held_out_rmse:.4f}"
-        )
+        console.print(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
+        if found.held_out:
+            console.print(f"RMSE of runs left out of the fit: {found.held_out_rmse:.4f}")
         for warning in found.warnings:
             console.print(f"warning: {warning}", style="yellow", markup=False)
         target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
