@@ -18,7 +18,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from components.evidence import Section, table
+from components.evidence import PICTURES, Section, table
 from components.sizing_rules import karra_cut_size, karra_partition, vsma_area, vsma_recovery
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
@@ -231,7 +231,7 @@ SECTION = Section("Engineering cross-checks", "python plant_examples/engineering
 
 def main(
     output: Annotated[Path, typer.Option(help="Where the picture goes.")] = (
-        HERE / "engineering_rules.png"
+        PICTURES / "engineering_rules.png"
     ),
     plot: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
 ) -> tuple[pd.DataFrame, Calibration]:

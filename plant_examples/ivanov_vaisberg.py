@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from components.evidence import Section, table
+from components.evidence import PICTURES, Section, table
 from vibroscreen import ScreenConfig
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
@@ -329,7 +329,7 @@ SECTION = Section("Table 1", "python plant_examples/ivanov_vaisberg.py", write)
 
 def main(
     output: Annotated[Path, typer.Option(help="Where the picture goes.")] = (
-        HERE / "ivanov_vaisberg.png"
+        PICTURES / "ivanov_vaisberg.png"
     ),
     plot: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
 ) -> Comparison:

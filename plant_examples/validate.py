@@ -15,11 +15,10 @@ from rich.console import Console
 import engineering_rules
 import ivanov_vaisberg
 import survey_planning
-from components.evidence import Section
+from components.evidence import PICTURES, Section
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "engine" / "VALIDATION.md"
-PICTURES = ROOT / "engine" / "validation"
 
 HEAD = """\
 # Validation
