@@ -15,11 +15,11 @@ from rich.console import Console
 import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
-from components.evidence import Section
+import survey_planning
+from components.evidence import PICTURES, Section
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "engine" / "VALIDATION.md"
-PICTURES = ROOT / "engine" / "validation"
 
 HEAD = """\
 # Validation
@@ -32,6 +32,7 @@ conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 
 SECTIONS: tuple[Section, ...] = (
     ivanov_vaisberg.SECTION,
+    survey_planning.SECTION,
     *dem_calibration.SECTIONS,
     engineering_rules.SECTION,
 )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import builtins
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -347,6 +349,17 @@ def test_numbers_by_name() -> None:
     first = table.decks[0].panels[0].aperture
     assert table.value_of("passage.velocity") == table.passage.velocity_at(first)
     assert table.with_values({"passage.velocity": 0.2}).passage.velocity_table is None
+    lengths = {
+        f"deck[{d}].panel[{p}].length": 1.25 * panel.length
+        for d, deck in enumerate(config.decks, start=1)
+        for p, panel in enumerate(deck.panels, start=1)
+    }
+    longer = config.with_values(lengths)  # checked when all have changed: decks are equally long
+    assert longer.decks[1].length == pytest.approx(1.25 * config.decks[1].length)
+    first, second = config.feed.mass_fraction[:2]
+    swapped = {"feed.mass_fraction[1]": second, "feed.mass_fraction[2]": first}
+    assert config.with_values(swapped).feed.mass_fraction[:2] == (second, first)
+    assert config.with_values({}) == config
     for name in ("deck[9].panel[1].aperture", "passage.law", "nothing", "deck[1]", "bed.layers.x"):
         with pytest.raises(ConfigError, match="is not a number of this screen"):
             config.value_of(name)
@@ -484,6 +497,15 @@ def test_command_line_tells_errors(tmp_path: Path) -> None:
     solved = run(app, ["solve", str(toml)])
     assert solved.exit_code == 0
     assert "undersize recovery" in solved.output
+
+
+def test_command_line_without_its_extra() -> None:
+    """Without typer: what to install, and no traceback."""
+    code = "import sys; sys.modules['typer'] = None; import vibroscreen.cli"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr.strip().endswith("pip install 'vibroscreen[calibrate]'")
+    assert "Traceback" not in run.stderr
 
 
 def test_fit_says_its_type(noisy: Calibration) -> None:

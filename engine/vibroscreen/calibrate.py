@@ -117,7 +117,7 @@ class Parameter:
 
     def from_scale(self, place: float | Array) -> Any:
         """The value from its place on the scale."""
-        return np.exp(np.clip(place, -700.0, 700.0)) if self.scale == "log" else place
+        return np.exp(np.clip(place, -300.0, 300.0)) if self.scale == "log" else place
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
+
+import pandas as pd
 
 from vibroscreen.calibrate import Parameter, Run, calibrate
 from vibroscreen.config import ScreenConfig
@@ -13,7 +15,7 @@ from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.screen import Screen
 from vibroscreen.survey import read_survey
 from vibroscreen.sweep import limits_of
-from vibroscreen.units import T_H
+from vibroscreen.units import MM, T_H
 
 try:
     import typer
@@ -25,9 +27,6 @@ except ImportError:
         "the command line needs typer and rich, which are not installed: "
         "pip install 'vibroscreen[calibrate]'"
     ) from None
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["main"]
 
@@ -63,14 +62,15 @@ def solve(
     with _told():
         steady = Screen(ScreenConfig.load(screen)).solve_steady()
         table = steady.frame()
-        rates = [name for name in table.columns if name.endswith("_kg_s")]
-        table[rates] /= T_H
-        table.columns = table.columns.str.replace("_kg_s", "_t_h")
-        _print(table, "steady state, by size class")
+        sizes = zip(table["lower_m"] / MM, table["upper_m"] / MM, strict=True)
+        table.index = pd.Index([f"{low:g} to {high:g}" for low, high in sizes], name="class, mm")
+        rates = table.filter(like="_kg_s") / T_H
+        rates.columns = [name.replace("_kg_s", "").replace("_", " ") for name in rates.columns]
+        _print(rates.assign(recovery=table["recovery"]).round(4), "steady state, t/h")
         console.print(
             f"undersize recovery {steady.undersize_recovery:.4f}, efficiency "
-            f"{steady.efficiency:.4f}, cut size {steady.cut_size:.4g} m, ecart probable "
-            f"{steady.ecart_probable:.3g} m, hold-up {steady.hold_up:.4g} kg"
+            f"{steady.efficiency:.4f}, cut size {steady.cut_size / MM:.4g} mm, ecart probable "
+            f"{steady.ecart_probable / MM:.3g} mm, hold-up {steady.hold_up:.4g} kg"
         )
 
 
@@ -113,14 +113,11 @@ def calibrate_(
         _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "fitted, SI units")
         names = [p.name for p in parameters]
         if len(names) > 1:
-            import pandas as pd
-
             _print(pd.DataFrame(found.correlation, names, names), "correlation")
         _print(result.frame().groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
-        console.print(
-            f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}; of runs left out of the "
-            f"fit: {found.held_out_rmse:.4f}"
-        )
+        console.print(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
+        if found.held_out:
+            console.print(f"RMSE of runs left out of the fit: {found.held_out_rmse:.4f}")
         for warning in found.warnings:
             console.print(f"warning: {warning}", style="yellow", markup=False)
         target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
@@ -158,9 +155,10 @@ def _parameter(text: str, run: Run) -> Parameter:
 
 def _print(frame: pd.DataFrame, title: str) -> None:
     """A pandas table on the console."""
-    table = Table(str(frame.index.name or ""), title=title)
+    table = Table(title=title)
+    table.add_column(str(frame.index.name or ""), overflow="fold")
     for name in frame.columns:
-        table.add_column(str(name), justify="right")
+        table.add_column(str(name), justify="right", overflow="fold")
     for index, row in frame.iterrows():
         table.add_row(str(index), *(f"{value:.4g}" for value in row))
     console.print(table)

@@ -609,13 +609,12 @@ class ScreenConfig:
 
         A passage velocity takes the place of a table. Raises ConfigError.
         """
-        changed = self
+        changes: list[_Change] = []
         for name, value in values.items():
             if name == "passage.velocity":
-                passage = dataclasses.replace(self.passage, velocity=value, velocity_table=None)
-                changed = changed.replace(passage=passage)
-            else:
-                changed = _with_value(changed, list(_steps_to(self, name)), value)
+                changes.append(([("passage", None), ("velocity_table", None)], None))
+            changes.append((list(_steps_to(self, name)), value))
+        changed: ScreenConfig = _changed(self, changes)
         return changed
 
     def to_toml(self) -> str:
@@ -668,7 +667,12 @@ class ScreenConfig:
             )
 
 
-def _steps_to(config: ScreenConfig, name: str) -> Iterator[tuple[str, int | None]]:
+# An attribute that leads to a number, with the place in it where it is a list; steps and a value.
+_Step = tuple[str, int | None]
+_Change = tuple[list[_Step], Any]
+
+
+def _steps_to(config: ScreenConfig, name: str) -> Iterator[_Step]:
     """Attributes, with a place in a list, that lead to the number of a variable's name."""
     part: Any = config
     for word in name.split("."):
@@ -692,16 +696,21 @@ def _steps_to(config: ScreenConfig, name: str) -> Iterator[tuple[str, int | None
         )
 
 
-def _with_value(part: Any, steps: list[tuple[str, int | None]], value: float) -> Any:
-    """A dataclass, or a tuple of numbers, with one number changed at the end of the steps."""
-    (attribute, place), *rest = steps
-    inner = getattr(part, attribute)
-    if place is None:
-        new = _with_value(inner, rest, value) if rest else value
-    else:
-        one = _with_value(inner[place], rest, value) if rest else value
-        new = (*inner[:place], one, *inner[place + 1 :])
-    return dataclasses.replace(part, **{attribute: new})
+def _changed(part: Any, changes: list[_Change]) -> Any:
+    """A dataclass with the values at the end of the steps, all at once so that checks see them."""
+    inside: dict[str, dict[int | None, list[_Change]]] = {}
+    for ((attribute, place), *rest), value in changes:
+        inside.setdefault(attribute, {}).setdefault(place, []).append((rest, value))
+    new: dict[str, Any] = {}
+    for attribute, places in inside.items():
+        whole = getattr(part, attribute)
+        items: dict[int | None, Any] = {}
+        items.update([(None, whole)] if None in places else enumerate(whole))
+        for place, within in places.items():
+            rest, value = within[-1]
+            items[place] = _changed(items[place], within) if rest else value
+        new[attribute] = items[None] if None in places else tuple(items.values())
+    return dataclasses.replace(part, **new)
 
 
 def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:

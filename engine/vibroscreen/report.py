@@ -28,7 +28,7 @@ def draw_calibration(calibration: Calibration, path: str | Path) -> None:
     panels = [("modelled", f"fitted, RMSE {found.rmse:.3f}")]
     if found.held_out:
         panels.append(("held_out", f"left out of the fit, RMSE {found.held_out_rmse:.3f}"))
-    figure = Figure(figsize=(4.2 * len(panels), 4.2), layout="constrained")
+    figure = Figure(figsize=(4.4 * len(panels), 4.6), layout="constrained")
     table = calibration.frame()
     for axes, (column, title) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
@@ -44,4 +44,5 @@ def draw_calibration(calibration: Calibration, path: str | Path) -> None:
 
 def _draw_parity(axes: Axes) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color="0.7", linewidth=1.0, zorder=0)
-    axes.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
+    axes.set(xlim=(-0.05, 1.1), ylim=(-0.05, 1.1))
+    axes.set_box_aspect(1.0)

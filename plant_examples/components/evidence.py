@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Section", "table"]
+__all__ = ["PICTURES", "Section", "table"]
+
+# Folder of the pictures of VALIDATION.md.
+PICTURES = Path(__file__).resolve().parents[2] / "engine" / "validation"
 
 
 @dataclass(frozen=True)
