@@ -251,7 +251,7 @@ of one grain (C05), which is slower than deeper ones.
 **Held out**: {len(own)} beds of a DEM of our own (`plant_examples/data/bed_velocity_dem.csv`, the
 same set-up, run by `tests/benchmarks/bed_dem.py`) with other amplitudes, frequencies, rotations,
 inclinations to 24 degrees, frictions 0.3 to 0.8 and beds of 5 to 40 mm, as far as they lie in the
-domain of the model. Beds are chaotic: two seeds differ by up to 8 % under circular motion. Cases
+domain of the model. Beds are chaotic: two seeds differ by up to 10 % under circular motion. Cases
 below 0.1 m/s are counted apart. The rigid body's column is over the same cases.
 
 {groups}
