@@ -801,12 +801,12 @@ def test_too_steep_is_allowed_with_a_prescribed_velocity() -> None:
 def test_steeper_than_the_bed_was_checked_for_is_a_warning() -> None:
     text = EDGES + "[[deck]]\n[[deck.panel]]\ninclination_deg = {}\n[displacement]\nmodel = 'bed'"
     with pytest.warns(UserWarning, match="the displacement model bed was checked") as warned:
-        config = ScreenConfig.loads(text.format(26))
-    assert config.decks[0].panels[0].inclination == 26.0 * DEG
+        config = ScreenConfig.loads(text.format(22))
+    assert config.decks[0].panels[0].inclination == 22.0 * DEG
     said = str(warned[0].message)
-    assert said.startswith("deck[1].panel[1].inclination = 0.453786 rad (26 deg, slope 0.4877) is")
-    assert "above 0.475, 0.95 times the friction at the base" in said
-    ScreenConfig.loads(text.format(25))
+    assert said.startswith("deck[1].panel[1].inclination = 0.383972 rad (22 deg, slope 0.404) is")
+    assert "above 0.3744, the friction of a bed on a base of friction 0.5" in said
+    ScreenConfig.loads(text.format(20))
 
 
 def test_error_of_a_file_notes_the_file(tmp_path: Path) -> None:

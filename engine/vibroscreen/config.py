@@ -41,7 +41,7 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.displacement import BED_DOMAIN
+from vibroscreen.kernels.displacement import BED_CONSTANTS, bed_friction
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed, checked_fractions
@@ -656,15 +656,17 @@ class ScreenConfig:
                 f"at the base (material.friction_deck, friction_internal: {friction:.4g}), the bed "
                 'would run away: make it flatter, or use displacement.model = "bed" or "prescribed"'
             )
-        steepest = BED_DOMAIN[0] * friction
-        if self.displacement.model == "bed" and math.tan(panel.inclination) > steepest:
-            warnings.warn(
-                f"{name}.inclination = {panel.inclination:.6g} rad "
-                f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is above {steepest:.4g}, "
-                f"{BED_DOMAIN[0]:g} times the friction at the base, up to which the displacement "
-                "model bed was checked: take its velocity as a guess, or make the panel flatter",
-                stacklevel=2,
-            )
+        if self.displacement.model == "bed":
+            steepest = bed_friction(friction, BED_CONSTANTS[2])
+            if math.tan(panel.inclination) > steepest:
+                warnings.warn(
+                    f"{name}.inclination = {panel.inclination:.6g} rad "
+                    f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is above "
+                    f"{steepest:.4g}, the friction of a bed on a base of friction {friction:.4g}, "
+                    "up to which the displacement model bed was checked: take its velocity as a "
+                    "guess, or make the panel flatter",
+                    stacklevel=2,
+                )
 
 
 # An attribute that leads to a number, with the place in it where it is a list; steps and a value.

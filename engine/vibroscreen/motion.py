@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.displacement import (
+    BED_CONSTANTS,
+    CONSTANT,
     MAX_ORDER,
     ROWS,
     WORK_SIZE,
-    bed_of_grains,
     compose_motion,
     rigid_body,
+    solve_bed,
 )
 from vibroscreen.units import DEG
 
@@ -27,7 +29,7 @@ MAX_FREQUENCY = 100.0  # Hz
 MAX_AMPLITUDE = 1.0  # m
 MAX_HARMONICS = ROWS - 1
 SENSES = {"with_flow": 1.0, "against_flow": -1.0}
-_SOLVERS = {"rigid_body": rigid_body, "bed": bed_of_grains}
+_SOLVERS = {"rigid_body": rigid_body, "bed": solve_bed}
 
 
 def _checked(
@@ -196,7 +198,11 @@ class ConveyingRegime:
 
 
 def conveying_regime(
-    motion: Motion, inclination: float, friction: float, model: str = "rigid_body"
+    motion: Motion,
+    inclination: float,
+    friction: float,
+    model: str = "rigid_body",
+    constants: Sequence[float] = BED_CONSTANTS,
 ) -> ConveyingRegime:
     """Regime of the bed on a deck of `inclination` [rad, down-slope] and `friction` [1].
 
@@ -204,7 +210,8 @@ def conveying_regime(
     tangential impulse limited by friction; from rest on the deck at phase 0 (Blekhman, Vibrational
     Mechanics, 2000). Raises InputError where |tan(inclination)| >= friction: the body runs away and
     has no mean velocity. "bed": grains that land softly and slip by speed (MODEL.md, Bed of
-    grains).
+    grains); `constants` are its softness of landing [1], damping [1], friction of shaken grains [1]
+    and drag [s/m].
     """
     limit = 0.5 * math.pi
     inclination = _checked(
@@ -223,7 +230,9 @@ def conveying_regime(
         )
     result = np.zeros(7)
     drive = np.array([motion.frequency, inclination, friction, 0.0])
-    _SOLVERS[model](motion.on_panel(), drive, result, np.zeros(WORK_SIZE))
+    work = np.zeros(WORK_SIZE)
+    work[CONSTANT:] = constants
+    _SOLVERS[model](motion.on_panel(), drive, result, work)
     return ConveyingRegime(*(float(value) for value in result[:6]))
 
 
