@@ -626,7 +626,7 @@ drift of the simulation nor its correlation in time):
 
 With passing_time and damping fitted as well ({freed["passage.passing_time"]:.2f},
 {freed["passage.damping"]:.2g}) the RMSE over all runs, B15 among them, is {freed_rmse:.4f}; it is
-{over(errors["fitted"], tuple(errors.index)):.4f} here. Damping was held at {DAMPING:g} because decks
+{over(errors["fitted"], tuple(errors.index)):.4f} here. Damping was held at {DAMPING:g} as decks
 with more feed are then met better: only B15 is so deep, and it has half the weight.
 
 The blank feed plate of the simulations, 77 mm, is left out: the bed enters mixed. The depth of the
