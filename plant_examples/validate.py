@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+import bed_velocity
 import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
@@ -33,6 +34,7 @@ conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
 SECTIONS: tuple[Section, ...] = (
     ivanov_vaisberg.SECTION,
     survey_planning.SECTION,
+    bed_velocity.SECTION,
     *dem_calibration.SECTIONS,
     engineering_rules.SECTION,
 )

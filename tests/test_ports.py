@@ -291,7 +291,8 @@ def test_shipped_screens_do_what_they_are_for(path: Path) -> None:
     screen = Screen(ScreenConfig.load(path))
     steady = screen.solve_steady()
     upper = screen.config.size_classes.upper
-    assert steady.recovery[0] > 0.99
+    # The plate has no fines: its finest class is 3 mm on openings of 8 mm.
+    assert steady.recovery[0] > (0.99 if screen.config.size_classes.edges[0] == 0.0 else 0.95)
     assert (steady.recovery[upper > steady.aperture * (1.0 + 1e-9)] == 0.0).all()
     assert (steady.recovery[:-1] >= steady.recovery[1:] - 1e-12).all()
     fed = screen.config.feed.mass_flow_rate
