@@ -624,8 +624,8 @@ drift of the simulation nor its correlation in time):
 
 ![Undersize along the decks](validation/dem_decks_along.png)
 
-Where beds are thin and fast (I10, CP) the simulation passes more at the feed end and less towards the
-discharge than the engine, outside of the bands; the sums over the deck agree.
+Where beds are thin and fast (I10, CP) the simulation passes more at the feed end and less towards
+the discharge than the engine, outside of the bands; the sums over the deck agree.
 
 With passing_time and damping fitted as well ({freed["passage.passing_time"]:.2f},
 {freed["passage.damping"]:.2g}) the RMSE over all runs, B15 among them, is {freed_rmse:.4f}; it is
