@@ -338,6 +338,7 @@ class Screen:
         parameter = layout.view(buffer, "parameter")
         model = parameter[lay.DISPLACEMENT_MODEL]
         parameter[lay.DISPLACEMENT_MODEL] = PRESCRIBED
+        layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = 0.0  # the plate does not convey
         try:
             return sieve(self.config, self.nodes, layout, buffer, areal_mass, instants, _accept)
         finally:

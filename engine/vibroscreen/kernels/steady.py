@@ -218,8 +218,7 @@ def lay_batch(buffer, areal_mass, horizon):
         for j in range(lead.shape[0]):
             lead[j, i] = 0.0
         lead[0, i] = fed[i]
-    # The plate does not convey, whatever the decks of the screen do.
-    scene[S_HORIZON], scene[S_TRANSPORT_VELOCITY] = horizon, 0.0
+    scene[S_HORIZON] = horizon
     book[D_STEP], book[D_PACE], book[D_WIDE] = 0.0, 0.0, 0.0
     book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
 
