@@ -39,6 +39,8 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.kernels import registry
+from vibroscreen.kernels.jit import plain
+from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed, checked_fractions
@@ -394,7 +396,7 @@ class Passage:
                 f"({apertures[0]:.6g} m to {apertures[-1]:.6g} m): add rows to the table or give "
                 "passage.velocity"
             )
-        return float(np.interp(aperture, apertures, velocities))
+        return float(plain(between)(np.array(apertures), np.array(velocities), aperture))
 
 
 @dataclass(frozen=True)

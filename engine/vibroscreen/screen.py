@@ -7,7 +7,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -21,8 +20,9 @@ from vibroscreen.kernels import registry
 from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
-from vibroscreen.kernels.jit import is_ready
+from vibroscreen.kernels.jit import is_ready, plain
 from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.step import PRESCRIBED
 from vibroscreen.motion import Motion
 from vibroscreen.size_classes import Nodes
@@ -36,10 +36,6 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
-# A package is never longer than this part of the deck, less where the tolerance asks for it: what
-# it averages along y is of second order in its length.
-LEAST_CELLS = 64
-MOST_CELLS = 512
 MOST_DECKS = 4
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
@@ -396,19 +392,7 @@ def check_supported(config: ScreenConfig) -> None:
 
 def _cells(config: ScreenConfig) -> int:
     """Cells of a deck: a package is never longer than one."""
-    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
-    return min(MOST_CELLS, max(LEAST_CELLS, cells))
-
-
-def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
-    """Cells on each panel of a deck: by its length, at least one."""
-    ends = np.cumsum([panel.length for panel in deck.panels]) * cells / deck.length
-    count = [0]
-    for k, end in enumerate(ends[:-1], start=1):
-        least, most = count[-1] + 1, cells - (len(deck.panels) - k)
-        count.append(min(most, max(least, round(float(end)))))
-    count.append(max(cells, count[-1] + 1))
-    return [stop - start for start, stop in pairwise(count)]
+    return int(plain(cells_for)(config.solver.tolerance, LEAST_CELLS))
 
 
 def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
@@ -478,7 +462,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         count = len(deck.panels)
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
-        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config))
+        length = np.array([panel.length for panel in deck.panels])
+        plain(share_cells)(length, _cells(config), layout.view(buffer, "panel_cells")[d])
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))

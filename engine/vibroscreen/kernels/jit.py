@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, config, njit, types
 from numba.extending import intrinsic
@@ -74,6 +75,12 @@ def inlined(function: Callable[..., Any]) -> Any:
     return njit(inline="always", error_model="numpy", _nrt=False)(function)
 
 
+def plain(dispatcher: Any) -> Callable[..., Any]:
+    """The Python function of a kernel: for what is called once and not worth compiling."""
+    function: Callable[..., Any] = getattr(dispatcher, "py_func", dispatcher)
+    return function
+
+
 def is_ready(dispatcher: Any) -> bool:
     """Whether a kernel runs at once: compiled in this process or kept by an earlier one."""
     return (
@@ -117,7 +124,28 @@ if config.DISABLE_JIT:
 
     call_segregation = call_displacement = call_passage
 
+    def bits_of(number):
+        return int(np.float64(number).view(np.int64))
+
+    def number_of(bits):
+        return float(np.int64(bits).view(np.float64))
+
 else:
+
+    def _cast(source: Any, target: Any) -> Any:
+        """Intrinsic that takes the bits of one type for another."""
+
+        @intrinsic
+        def cast(_context, _value):
+            def generate(context, builder, _signature, arguments):
+                return builder.bitcast(arguments[0], context.get_value_type(target))
+
+            return target(source), generate
+
+        return cast
+
+    bits_of = _cast(types.float64, types.int64)
+    number_of = _cast(types.int64, types.float64)
 
     @intrinsic
     def _pointer(_context, buffer, offset):
