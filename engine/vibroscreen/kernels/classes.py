@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from math import cos, exp, sqrt
 
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.jit import formula, kernel
 from vibroscreen.kernels.layout import (
     BULK_DENSITY,
     CONTACT_DEPTH,
@@ -142,7 +142,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     return min(MOST_NODES, max(least, int(need) + 1))
 
 
-@kernel
+@formula
 def most_nodes(classes, apertures, subdivision):
     """Room that `build_nodes` may need for so many classes and apertures."""
     return (classes + apertures) * max(MOST_NODES, int(subdivision))

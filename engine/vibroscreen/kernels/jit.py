@@ -12,7 +12,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import carray, cfunc, config, njit, types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 
 
 def _source_stamp() -> str:
@@ -72,6 +72,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     make compiling several times faster.
     """
     return njit(inline="always", error_model="numpy", _nrt=False)(function)
+
+
+def formula(function: Callable[..., Any]) -> Any:
+    """A formula that Python runs as it stands and kernels compile into themselves.
+
+    For what Python needs before there is a buffer: nothing is compiled or loaded for it.
+    """
+    return register_jitable(error_model="numpy", _nrt=False)(function)
 
 
 def is_ready(dispatcher: Any) -> bool:
