@@ -39,7 +39,6 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.jit import plain
 from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
@@ -396,7 +395,7 @@ class Passage:
                 f"({apertures[0]:.6g} m to {apertures[-1]:.6g} m): add rows to the table or give "
                 "passage.velocity"
             )
-        return float(plain(between)(np.array(apertures), np.array(velocities), aperture))
+        return float(between(np.array(apertures), np.array(velocities), aperture))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from vibroscreen.kernels import registry
 from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
-from vibroscreen.kernels.jit import is_ready, plain
+from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.step import PRESCRIBED
@@ -392,7 +392,7 @@ def check_supported(config: ScreenConfig) -> None:
 
 def _cells(config: ScreenConfig) -> int:
     """Cells of a deck: a package is never longer than one."""
-    return int(plain(cells_for)(config.solver.tolerance, LEAST_CELLS))
+    return int(cells_for(config.solver.tolerance, LEAST_CELLS))
 
 
 def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
@@ -463,7 +463,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
         length = np.array([panel.length for panel in deck.panels])
-        plain(share_cells)(length, _cells(config), layout.view(buffer, "panel_cells")[d])
+        share_cells(length, _cells(config), layout.view(buffer, "panel_cells")[d])
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))

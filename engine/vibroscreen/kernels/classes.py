@@ -31,7 +31,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels.elementary import cos, exp, raised
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.jit import formula, kernel
 from vibroscreen.kernels.layout import (
     BULK_DENSITY,
     CONTACT_DEPTH,
@@ -143,7 +143,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     return min(MOST_NODES, max(least, int(need) + 1))
 
 
-@kernel
+@formula
 def most_nodes(classes, apertures, subdivision):
     """Room that `build_nodes` may need for so many classes and apertures."""
     return (classes + apertures) * max(MOST_NODES, int(subdivision))

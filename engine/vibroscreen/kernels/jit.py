@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, config, njit, types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 
 
 def _source_stamp() -> str:
@@ -75,10 +75,12 @@ def inlined(function: Callable[..., Any]) -> Any:
     return njit(inline="always", error_model="numpy", _nrt=False)(function)
 
 
-def plain(dispatcher: Any) -> Callable[..., Any]:
-    """The Python function of a kernel: for what is called once and not worth compiling."""
-    function: Callable[..., Any] = getattr(dispatcher, "py_func", dispatcher)
-    return function
+def formula(function: Callable[..., Any]) -> Any:
+    """A formula that Python runs as it stands and kernels compile into themselves.
+
+    For what Python needs before there is a buffer: nothing is compiled or loaded for it.
+    """
+    return register_jitable(error_model="numpy", _nrt=False)(function)
 
 
 def is_ready(dispatcher: Any) -> bool:

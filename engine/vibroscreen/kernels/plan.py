@@ -1,13 +1,13 @@
 """What must be known of a screen before its state is laid out: cells, nodes, passage by panel.
 
-Python calls the small ones as they are (`plain`), the library without Python calls `plan`.
+Python uses the formulas one by one, the library without Python calls `plan`.
 """
 
 from __future__ import annotations
 
 from math import ceil, sqrt
 
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.jit import formula, kernel
 from vibroscreen.kernels.layout import (
     APERTURE,
     AT_PANEL_CELLS,
@@ -33,14 +33,14 @@ LEAST_CELLS = 64
 MOST_CELLS = 512
 
 
-@kernel
+@formula
 def cells_for(tolerance, least):
     """Cells of a deck: a package is never longer than one."""
     cells = int(ceil(least * sqrt(1e-4 / tolerance)))
     return min(MOST_CELLS, max(least, cells))
 
 
-@kernel
+@formula
 def share_cells(length, cells, share):
     """Cells on each panel of a deck: by its length [m], at least one."""
     whole = 0.0
@@ -56,7 +56,7 @@ def share_cells(length, cells, share):
         taken = stop
 
 
-@kernel
+@formula
 def between(at, value, x):
     """Linear interpolation of value over at, ascending; x lies between the first and the last."""
     last = at.size - 1
