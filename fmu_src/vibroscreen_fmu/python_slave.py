@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.errors import ConfigError
+from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import in_place
 from vibroscreen.screen import Screen
 from vibroscreen_fmu.port import Port, Steps
@@ -72,10 +72,16 @@ class ScreenSlave(RowSlave):
         fixed = self._fixed
         if np.array_equal(parameters[fixed], self._built_with[fixed]):
             return self._screen
-        table = [port for port in self._table if port.causality == "parameter"]
-        changed = {port.path for port in table if parameters[port.reference] != port.start}
-        values = {port: float(parameters[port.reference]) for port in table if port.path in changed}
-        return Screen(configured(self._config, values))
+        # Tunable ones have no part in how a screen is laid out: a state that was tuned since fits.
+        table = [port for port in self._table if port.causality == "parameter" and port.path]
+        changed = [port for port in table if parameters[port.reference] != port.start]
+        paths = {port.path for port in changed if port.variability == "fixed"}
+        values = {port: float(parameters[port.reference]) for port in table if port.path in paths}
+        screen = Screen(configured(self._config, values))
+        row = screen.buffer[screen.layout.section["parameters"]]
+        for port in changed:
+            row[port.reference] = parameters[port.reference]
+        return screen
 
 
 def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenConfig:
@@ -86,13 +92,11 @@ def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenCon
             names = [name for name, _ in port.enumeration.items]
             if not 1 <= value <= len(names):
                 choice = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
-                raise ConfigError(f"{port.name} = {value:g} is none of the choices: give {choice}")
+                raise ConfigError(told("no_choice", name=port.name, value=value, cure=choice))
             values[port.path] = names[int(value) - 1]
         elif values.setdefault(port.path, value) != value:
-            raise ConfigError(
-                f"{port.name} = {value:.6g} m differs from the limit of the class beside it "
-                f"({values[port.path]:.6g} m): set both to the same"
-            )
+            beside = values[port.path]
+            raise ConfigError(told("two_limits", name=port.name, value=value, limit=beside))
     if ("passage", "velocity") in values:
         values["passage", "velocity_table"] = None
     return _replaced(config, values) if values else config

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
+from vibroscreen.errors import told
 from vibroscreen_fmu.port import Port
 
 __all__ = ["RowSlave", "refusing", "slave_class", "take_reference"]
@@ -106,7 +107,7 @@ class RowSlave(Fmi2Slave):
     def exit_initialization_mode(self) -> None:
         """Start with the parameters and inputs set so far."""
         if self._running:
-            raise ValueError("initialisation has ended before: reset the instance to start anew")
+            raise ValueError(told("started"))
         self.start()
         self._running = True
         self._remembered.clear()  # what may be set is another now
@@ -116,10 +117,7 @@ class RowSlave(Fmi2Slave):
         """Advance by the step; raises InputError, with nothing changed, if the inputs are bad."""
         del current_time
         if not self._running or self._ended:
-            raise ValueError(
-                "a step before initialisation has ended or after the end: initialise the instance "
-                "(after the end: reset it) and step then"
-            )
+            raise ValueError(told("no_step"))
         self.advance(step_size)
         return True
 
@@ -179,15 +177,13 @@ class RowSlave(Fmi2Slave):
     @refusing
     def _set_fmu_state(self, state: bytes) -> None:
         head, body = state[: _STATE_HEAD.size], state[_STATE_HEAD.size :]
-        given = f"state = {len(state)} bytes"
         if len(head) < _STATE_HEAD.size or not head.startswith(_STATE_MARK):
-            name = type(self).__name__
-            raise ValueError(f"{given} are no state of a {name}: give what one wrote")
+            raise ValueError(told("no_state", value=len(state), name=type(self).__name__))
         _, owner, running, checksum = _STATE_HEAD.unpack(head)
         if owner != self._owner():
-            raise ValueError(f"{given} are of another build of the FMU: give a state of this one")
+            raise ValueError(told("other_build", value=len(state)))
         if checksum != zlib.crc32(body):
-            raise ValueError(f"{given}, cut or changed on the way: give them as they were written")
+            raise ValueError(told("broken_state", value=len(state)))
         self.recall(body)
         self._running, self._ended = bool(running), False
         self._remembered.clear()
@@ -251,9 +247,9 @@ class RowSlave(Fmi2Slave):
         for reference in vrs:
             port = self._ports.get(reference)
             if port is None:
-                raise ValueError(f"value reference {reference} is no variable of this FMU")
+                raise ValueError(told("no_variable", value=reference))
             if port.kind not in kinds:
-                raise ValueError(f"{port.name} is of type {port.kind}: use the functions of that")
+                raise ValueError(told("other_type", name=port.name, kind=port.kind))
         first = vrs[0] if vrs else 0
         if vrs == list(range(first, first + len(vrs))):
             return slice(first, first + len(vrs))
@@ -261,12 +257,9 @@ class RowSlave(Fmi2Slave):
 
     def _check_settable(self, port: Port) -> None:
         if port.causality not in ("input", "parameter"):
-            raise ValueError(f"{port.name} is not an input or a parameter: it cannot be set")
+            raise ValueError(told("not_settable", name=port.name))
         if self._running and port.variability == "fixed":
-            raise ValueError(
-                f"{port.name} is a fixed parameter of a model that runs: set it before "
-                "initialisation ends, or reset the instance"
-            )
+            raise ValueError(told("fixed", name=port.name))
 
 
 @functools.cache
