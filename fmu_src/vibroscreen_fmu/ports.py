@@ -390,8 +390,8 @@ def _continuous(meaning: _Meaning) -> _Meaning:
     return _Meaning(meaning.description, "continuous", meaning.kind, meaning.display)
 
 
-def _limits(path: Steps) -> Limits:
-    """Limits that the configuration sets to the value at `path`."""
+def entry_at(path: Steps) -> Entry | None:
+    """What the configuration says of the value at a path."""
     kind: type = ScreenConfig
     entry: Entry | None = None
     for step in path:
@@ -399,8 +399,12 @@ def _limits(path: Steps) -> Limits:
             entry = entries(kind)[step]
             if isinstance(entry, Section):
                 kind = entry.kind
-    if isinstance(entry, Numbers):
-        entry = entry.item
+    return entry.item if isinstance(entry, Numbers) else entry
+
+
+def _limits(path: Steps) -> Limits:
+    """Limits that the configuration sets to the value at `path`."""
+    entry = entry_at(path)
     if not isinstance(entry, Number):
         return _NO_LIMITS
     least = entry.at_least if entry.at_least is not None else entry.above

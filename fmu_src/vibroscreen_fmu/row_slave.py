@@ -27,7 +27,7 @@ from pythonfmu.fmi2slave import Fmi2Slave
 from vibroscreen.errors import told
 from vibroscreen_fmu.port import Port
 
-__all__ = ["RowSlave", "refusing", "slave_class", "take_reference"]
+__all__ = ["STATE_MARK", "RowSlave", "owner_of", "refusing", "slave_class", "take_reference"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -39,7 +39,7 @@ _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
 _MOST_REMEMBERED = 256
 # A saved state: mark and version, build it belongs to, whether it runs, checksum, the rest.
 _STATE_HEAD = struct.Struct("<8s16sQQ")
-_STATE_MARK = b"vscreen1"
+STATE_MARK = b"vscreen1"
 
 
 def refusing(
@@ -172,15 +172,15 @@ class RowSlave(Fmi2Slave):
     @refusing
     def _get_fmu_state(self) -> bytes:
         body = self.memory()
-        return _STATE_HEAD.pack(_STATE_MARK, self._owner(), self._running, zlib.crc32(body)) + body
+        return _STATE_HEAD.pack(STATE_MARK, owner_of(self.build), self._running, zlib.crc32(body)) + body
 
     @refusing
     def _set_fmu_state(self, state: bytes) -> None:
         head, body = state[: _STATE_HEAD.size], state[_STATE_HEAD.size :]
-        if len(head) < _STATE_HEAD.size or not head.startswith(_STATE_MARK):
+        if len(head) < _STATE_HEAD.size or not head.startswith(STATE_MARK):
             raise ValueError(told("no_state", value=len(state), name=type(self).__name__))
         _, owner, running, checksum = _STATE_HEAD.unpack(head)
-        if owner != self._owner():
+        if owner != owner_of(self.build):
             raise ValueError(told("other_build", value=len(state)))
         if checksum != zlib.crc32(body):
             raise ValueError(told("broken_state", value=len(state)))
@@ -197,10 +197,6 @@ class RowSlave(Fmi2Slave):
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> bytes:
         return state
-
-    def _owner(self) -> bytes:
-        """Sixteen bytes that only states of the same build have."""
-        return sha256(self.build.encode()).digest()[:16]
 
     # --- inside -------------------------------------------------------------------------------
     def refusal(self, error: Exception) -> RuntimeError:
@@ -266,6 +262,11 @@ class RowSlave(Fmi2Slave):
 def slave_class(kind: type[RowSlave], name: str, build: str) -> type[RowSlave]:
     """The class of a build's slaves; the same one for all instances in a process."""
     return type(name, (kind,), {"build": build})
+
+
+def owner_of(build: str) -> bytes:
+    """Sixteen bytes that only states of a build have."""
+    return sha256(build.encode()).digest()[:16]
 
 
 def take_reference(kept: object) -> None:

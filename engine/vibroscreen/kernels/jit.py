@@ -113,6 +113,11 @@ def address_of(function: Callable[..., None], signature: Any) -> int:
     return int(compiled.address)
 
 
+def compiled_at(address: int) -> Any:
+    """The compiled sub-model whose code lies at an address that `address_of` gave."""
+    return _registered[address][1]
+
+
 if config.DISABLE_JIT:
 
     def view1(buffer, offset, size):

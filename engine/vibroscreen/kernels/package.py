@@ -1202,7 +1202,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
                 book[D_ORDER], book[D_STEP] = used + 1, trial_cost(used + 1) / cost
             return used
         gain = min(1.0, error / last) if k > 1 else 0.1
-        expected = error * gain ** (target - used)
+        expected = error * raised(gain, target - used)
         book[D_STEP] = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
         if k > 1 and expected * gain > 4.0:
             break
