@@ -23,7 +23,7 @@ __all__ = ["COARSE", "FINE", "STEEL", "model_png", "png", "terminal_files"]
 FOLDER = "terminalsAndIcons"
 STREAM = re.compile(r"(.+)\.(mass_flow_rate|mass_fraction\[\d+\])")
 STREAM_KIND = "solids_stream"
-# The diagram is 200 wide and high, as tools expect it; a terminal is 20.
+# The diagram is 200 wide and high, a terminal 20.
 HALF, TERMINAL = 100, 10
 
 STEEL, PLATE, COARSE, FINE, RIM = "#2b3a42", "#dfe5e9", "#b07d48", "#d9b382", "#5d4226"
@@ -96,11 +96,8 @@ def terminal_files(ports: Iterable[Port], picture: bytes) -> dict[str, bytes]:
     A stream is a terminal: its rate and fractions, from whatever side, plug into those of another.
     """
     root = etree.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    graphics = etree.SubElement(root, "GraphicalRepresentation")
-    corners = {"x1": -HALF, "y1": -HALF, "x2": HALF, "y2": HALF}
-    box = {name: str(value) for name, value in corners.items()}
-    etree.SubElement(graphics, "CoordinateSystem", **box, suggestedScalingFactorTo_mm="0.1")
-    etree.SubElement(graphics, "Icon", **box)
+    # In the coordinates of the standard's default; with a frame of our own before the terminals,
+    # fmu-manipulation-toolbox 2.0 does not find them.
     terminals = etree.SubElement(root, "Terminals")
     table = tuple(ports)
     for causality, side in (("input", -HALF), ("output", HALF)):

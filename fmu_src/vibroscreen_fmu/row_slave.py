@@ -35,6 +35,8 @@ Kind = TypeVar("Kind", bound="RowSlave")
 Places = slice | NDArray[np.intp]
 
 _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
+# cofmupy reads every output as a real number.
+_READ_AS_REAL = (*_REAL, *_INTEGER, *_BOOLEAN)
 # Lists of value references whose places are remembered. Masters use a few, over and over.
 _MOST_REMEMBERED = 256
 # A saved state: mark and version, build it belongs to, whether it runs, checksum, the rest.
@@ -129,8 +131,8 @@ class RowSlave(Fmi2Slave):
     # --- variables ----------------------------------------------------------------------------
     @refusing
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of real variables."""
-        values: list[float] = self._get(vrs, _REAL).tolist()
+        """Values of real variables; of others their number, 1 for true."""
+        values: list[float] = self._get(vrs, _READ_AS_REAL).tolist()
         return values
 
     @refusing
