@@ -11,11 +11,12 @@ from pythonfmu.fmi2slave import Fmi2Slave
 
 from vibroscreen_fmu.port import UNITS, Port
 
-__all__ = ["model_description"]
+__all__ = ["guid_of", "model_description"]
 
 # Ten minutes of operation in steps of a second: a circuit settles and shows its dynamics.
 STOP_TIME, STEP_SIZE = 600.0, 1.0
 # What the python runtime can do; what it cannot is false by default.
+PYTHON_RUNTIME = "vibroscreen with pythonfmu"
 CAPABILITIES = (
     "needsExecutionTool",
     "canHandleVariableCommunicationStepSize",
@@ -25,15 +26,21 @@ CAPABILITIES = (
 )
 
 
-def model_description(name: str, ports: Iterable[Port], description: str) -> bytes:
-    """The XML file; its GUID is a hash of all the rest, so that equal contracts have equal ones."""
+def model_description(
+    name: str, ports: Iterable[Port], description: str, tool: str = PYTHON_RUNTIME
+) -> bytes:
+    """The XML file of an FMU; only the python runtime needs more on its host than the file."""
     table = tuple(ports)
-    nameless = _xml(name, table, description, guid="")
-    guid = UUID(bytes=hashlib.sha256(nameless).digest()[:16])
-    return _xml(name, table, description, guid=f"{{{guid}}}")
+    return _xml(name, table, description, guid_of(name, table, description), tool)
 
 
-def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str) -> bytes:
+def guid_of(name: str, ports: Iterable[Port], description: str) -> str:
+    """A hash of all the rest of the XML file but the runtime: equal contracts have equal ones."""
+    nameless = _xml(name, tuple(ports), description, "", PYTHON_RUNTIME)
+    return f"{{{UUID(bytes=hashlib.sha256(nameless).digest()[:16])}}}"
+
+
+def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str, tool: str) -> bytes:
     root = etree.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -41,10 +48,12 @@ def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str) -> byt
         guid=guid,
         description=description,
         license="MIT",
-        generationTool="vibroscreen with pythonfmu",
+        generationTool=tool,
         variableNamingConvention="structured",
     )
     flags = dict.fromkeys(CAPABILITIES, "true")
+    if tool != PYTHON_RUNTIME:
+        flags["needsExecutionTool"] = "false"
     etree.SubElement(root, "CoSimulation", modelIdentifier=name, **flags)
     _add_units(etree.SubElement(root, "UnitDefinitions"), ports)
     if any(port.enumeration for port in ports):

@@ -39,7 +39,18 @@ from vibroscreen_fmu.ports import ports
 from vibroscreen_fmu.python_slave import CONFIG_FILE
 from vibroscreen_fmu.reference import reference_files
 
-__all__ = ["Engine", "Model", "engine", "screen_model", "summary", "write_fmu", "write_model"]
+__all__ = [
+    "Engine",
+    "Model",
+    "build_of",
+    "engine",
+    "model_files",
+    "screen_model",
+    "summary",
+    "write_fmu",
+    "write_model",
+    "write_zip",
+]
 
 Files = dict[str, bytes]
 
@@ -238,13 +249,14 @@ def engine(slave: str = SLAVE) -> Engine:
     return Engine(package, module, sources, tuple(needed))
 
 
-def screen_model(config: ScreenConfig) -> Model:
-    """A screen as a model.
+def screen_model(config: ScreenConfig, *, built_in: bool = True) -> Model:
+    """A screen as a model; with built-in sub-models only, unless told otherwise.
 
     Raises ConfigError for a configuration that an FMU cannot carry.
     """
     check_supported(config)
-    _check_built_in(config)
+    if built_in:
+        _check_built_in(config)
     text = config.to_toml()
     # What the slave will read, to the last digit.
     read = ScreenConfig.loads(text)
@@ -274,7 +286,7 @@ def write_model(model: Model, folder: Path) -> Path:
     """Write the FMU of a model, `<name>.fmu`, into a folder."""
     module, kind = model.slave
     parts = engine(module)
-    build = _hash(parts.module.encode(), *(model.resources[key] for key in sorted(model.resources)))
+    build = build_of(model, parts)
     script = f"{model.name}_{build}"
     imports = COMPILED_IMPORTS if parts.has_kernels else IMPORTS
     resources = {
@@ -292,23 +304,43 @@ def write_model(model: Model, folder: Path) -> Path:
         **parts.sources,
         **parts.compiled(),
     }
-    chapters = (*model.about, ("What the host needs", (_needs(parts), STATUS)))
+    description = model_description(model.name, model.ports, model.description)
+    needs = ("What the host needs", (_needs(parts), STATUS))
     files = {
-        "modelDescription.xml": model_description(model.name, model.ports, model.description),
-        "model.png": model.picture,
-        **terminal_files(model.ports, model.picture),
-        "documentation/index.html": index_html(
-            model.name, model.description, chapters, model.ports, LICENCE
-        ),
+        **model_files(model, description, (needs,), LICENCE),
         "documentation/licenses/pythonfmu.txt": _pythonfmu_license(),
-        **model.extra,
         **_pythonfmu_binaries(model.name),
         **{f"resources/{name}": content for name, content in resources.items()},
     }
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{model.name}.fmu"
-    _write_zip(path, files)
+    write_zip(path, files)
     return path
+
+
+def build_of(model: Model, parts: Engine) -> str:
+    """Name of what a model is built from, sources and resources: its states belong to that."""
+    return _hash(parts.module.encode(), *(model.resources[key] for key in sorted(model.resources)))
+
+
+def model_files(
+    model: Model,
+    description: bytes,
+    needs: tuple[tuple[str, tuple[str, ...]], ...],
+    licence: str,
+) -> Files:
+    """Files of an FMU that are the same for both runtimes but for a few words.
+
+    description: modelDescription.xml; needs: chapters of the documentation on the runtime.
+    """
+    page = index_html(model.name, model.description, (*model.about, *needs), model.ports, licence)
+    return {
+        "modelDescription.xml": description,
+        "model.png": model.picture,
+        **terminal_files(model.ports, model.picture),
+        "documentation/index.html": page,
+        **model.extra,
+    }
 
 
 def summary(config: ScreenConfig) -> str:
@@ -331,8 +363,8 @@ def _check_built_in(config: ScreenConfig) -> None:
         built_in = BUILT_IN[name.partition(".")[0]]
         if value not in built_in:
             raise ConfigError(
-                f"{name} = {value!r} is a registered sub-model, an FMU carries built-in ones: "
-                f"choose one of {', '.join(built_in)}"
+                f"{name} = {value!r} is a registered sub-model, runtime = native carries it: build "
+                f"that, or choose one of {', '.join(built_in)}"
             )
 
 
@@ -488,7 +520,7 @@ def _read(folder: Path) -> Files:
     }
 
 
-def _write_zip(path: Path, files: Mapping[str, bytes]) -> None:
+def write_zip(path: Path, files: Mapping[str, bytes]) -> None:
     """A zip whose bytes follow from its contents alone; it appears whole or not at all."""
     unfinished = path.with_suffix(".part")
     with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:

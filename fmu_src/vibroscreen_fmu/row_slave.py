@@ -174,7 +174,10 @@ class RowSlave(Fmi2Slave):
     @refusing
     def _get_fmu_state(self) -> bytes:
         body = self.memory()
-        return _STATE_HEAD.pack(STATE_MARK, owner_of(self.build), self._running, zlib.crc32(body)) + body
+        return (
+            _STATE_HEAD.pack(STATE_MARK, owner_of(self.build), self._running, zlib.crc32(body))
+            + body
+        )
 
     @refusing
     def _set_fmu_state(self, state: bytes) -> None:

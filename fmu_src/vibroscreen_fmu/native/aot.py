@@ -83,9 +83,7 @@ def own_models(chosen: Mapping[str, str]) -> dict[str, str]:
         address = registry.model(family, name).address
         if address:
             compiled = jit.compiled_at(address)
-            text = compiled.inspect_llvm().replace(
-                compiled.native_name, SUB_MODEL.format(family)
-            )
+            text = compiled.inspect_llvm().replace(compiled.native_name, SUB_MODEL.format(family))
             found[family] = PYTHON.sub(_stub, text)
     return found
 

@@ -136,7 +136,9 @@ def library(
         place.joinpath("kernels.o").write_bytes(code)
         shutil.copy(SOURCE, place)
         made = place / f"{name}.{chosen.suffix}"
-        target_flags = ("-target", chosen.zig, "-fno-sanitize=all") if crossing else ()
+        target_flags: tuple[str, ...] = ()
+        if crossing:
+            target_flags = ("-target", chosen.zig, "-fno-sanitize=all")
         if chosen.suffix == "dylib":
             target_flags += (f"-Wl,-install_name,@rpath/{made.name}",)
         arguments = (*target_flags, *COMMON, *chosen.flags, "-I", str(headers), *flags)
@@ -205,7 +207,8 @@ def symbols(elf: bytes) -> tuple[set[str], set[str]]:
     sections = [struct.unpack_from("<IIQQQQIIQQ", elf, table + k * size) for k in range(count)]
     dynamic = next(section for section in sections if section[1] == 11)  # SHT_DYNSYM
     names = sections[dynamic[6]][4]
-    shown, taken = set(), set()
+    shown: set[str] = set()
+    taken: set[str] = set()
     for place in range(dynamic[4], dynamic[4] + dynamic[5], 24):
         name, _, _, section, _, _ = struct.unpack_from("<IBBHQQ", elf, place)
         text = elf[names + name : elf.index(b"\0", names + name)].decode()

@@ -35,6 +35,7 @@ __all__ = ["header"]
 # What a variable may be read with, and how it may be set; bits of a byte.
 KINDS = {"Real": 1, "Integer": 2, "Enumeration": 2, "Boolean": 4, "String": 8}
 SETTABLE, FIXED = 16, 32
+_NEVER_REFUSED = ("size_class[", "deck[")
 
 
 class _Symbol:
@@ -61,18 +62,13 @@ class _Symbol:
         return self.text
 
 
-def header(
-    config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, build: str
-) -> str:
+def header(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, build: str) -> str:
     """Text of screen.h for a screen: a model of that name, guid and build."""
     layout = slice_layout(config)
     buffer = layout.buffer()
     fill(layout, buffer, config)
     first, last = layout.section["parameters"].start, layout.section["constants"].stop
-    own = {
-        family: model.address
-        for family, model in _chosen(config).items()
-    }
+    own = _chosen(config)
     table = config.passage.velocity_table or ()
     lines = [
         "/* Made by vibroscreen_fmu/native/tables.py. */",
@@ -88,7 +84,7 @@ def header(
             TABLE_ROWS=len(table),
             ROOM=config.solver.packages,
             EXCHANGE=EXCHANGE,
-            OWN_SEGREGATION_LAYERED=int(registry.model("segregation", config.segregation.model).layered),
+            OWN_SEGREGATION_LAYERED=int(own["segregation"].layered),
             COMMAND_INITIALISE=INITIALISE,
             COMMAND_ADVANCE=ADVANCE,
             COMMAND_READ=READ,
@@ -114,8 +110,8 @@ def header(
         *_variables(layout, ports),
         *_limits(ports),
     ]
-    for family, address in own.items():
-        if address:
+    for family, model in own.items():
+        if model.address:
             lines.append(f"void {SUB_MODEL.format(family)}(void);")
             lines.append(f"#define OWN_{family.upper()} {SUB_MODEL.format(family)}")
     return "\n".join(lines) + "\n"
@@ -187,14 +183,13 @@ def _variables(layout: Layout, ports: Sequence[Port]) -> Iterable[str]:
     for port in ports:
         settable = port.causality in ("input", "parameter")
         flags[port.reference] = (
-            KINDS[port.kind]
-            + SETTABLE * settable
-            + FIXED * (port.variability == "fixed")
+            KINDS[port.kind] + SETTABLE * settable + FIXED * (port.variability == "fixed")
         )
-        told = (port.name, "", "", port.kind)
-        if settable and not port.name.startswith(("size_class[", "deck[")) or ".panel[" in port.name:
+        unit = cure = ""
+        # What a kernel may refuse; limits of fixed parameters are told by the table below.
+        if settable and (".panel[" in port.name or not port.name.startswith(_NEVER_REFUSED)):
             _, unit, cure = variable_name(layout, first + port.reference)
-            told = (port.name, unit, cure, port.kind)
+        told = (port.name, unit, cure, port.kind)
         names[port.reference] = f"{{{', '.join(map(json.dumps, told))}}}"
     yield f"#define N_VALUES {size}"
     yield f"static const unsigned char FLAGS[] = {{{', '.join(map(str, flags))}}};"
@@ -204,7 +199,8 @@ def _variables(layout: Layout, ports: Sequence[Port]) -> Iterable[str]:
 
 def _limits(ports: Sequence[Port]) -> Iterable[str]:
     """Checks of fixed parameters, in the order of value references."""
-    yield "typedef struct { int reference, text; double limit; const char *name, *unit, *cure; } Limit;"
+    yield "typedef struct { int reference, text; double limit;"
+    yield "    const char *name, *unit, *cure; } Limit;"
     rows, choices = [], []
     for port in ports:
         if port.causality != "parameter" or port.variability != "fixed":
