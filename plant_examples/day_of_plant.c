@@ -3,7 +3,7 @@
 
    python build_fmu.py --runtime native && unzip -oq dist/VibratingScreen_native.fmu -d dist/screen
    cc -O2 plant_examples/day_of_plant.c -I "$(python -c 'import fmpy; print(fmpy.__path__[0])')/c-code" \
-       -ldl -lm -o dist/day && dist/day dist/screen */
+       -ldl -lm -o dist/day && dist/day dist/screen [SECONDS] */
 #include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
@@ -37,7 +37,8 @@ static double seconds(void) {
 
 int main(int count, char **arguments) {
     static char path[4096], xml[1 << 20];
-    snprintf(path, sizeof path, "%s/modelDescription.xml", count == 2 ? arguments[1] : ".");
+    int end = count > 2 ? atoi(arguments[2]) : 86400;
+    snprintf(path, sizeof path, "%s/modelDescription.xml", count > 1 ? arguments[1] : ".");
     FILE *file = fopen(path, "rb");
     if (!file || !fread(xml, 1, sizeof xml - 1, file)) return fprintf(stderr, "no %s\n", path), 1;
     snprintf(path, sizeof path, "%s/binaries/linux64/VibratingScreen.so", arguments[1]);
@@ -52,9 +53,9 @@ int main(int count, char **arguments) {
         fmi2Status status = screen ? fmi2OK : fmi2Fatal;
         if (screen) FMI(fmi2GetReal)(screen, &feed, 1, &rate);
         double duty = rate;
-        if (screen) FMI(fmi2SetupExperiment)(screen, 0, 0, 0, 1, 86400), FMI(fmi2EnterInitializationMode)(screen);
+        if (screen) FMI(fmi2SetupExperiment)(screen, 0, 0, 0, 1, end), FMI(fmi2EnterInitializationMode)(screen);
         if (screen) status = FMI(fmi2ExitInitializationMode)(screen);
-        for (int second = 0; second < 86400 && status == fmi2OK; second++) {
+        for (int second = 0; second < end && status == fmi2OK; second++) {
             noise += noisy * (sqrt(2 / 60.0) * 0.05 * 1.7 * (2.0 * rand() / RAND_MAX - 1) - noise / 60);
             rate = duty * (1 + noise);
             FMI(fmi2SetReal)(screen, &feed, 1, &rate);
@@ -63,7 +64,7 @@ int main(int count, char **arguments) {
         }
         if (status != fmi2OK) return 1;
         FMI(fmi2FreeInstance)(screen);
-        printf("%s feed: %.0f t of undersize in a day, computed in %.2f s\n", noisy ? "restless" : "steady", undersize / 1000, seconds() - began);
+        printf("%s feed: %.1f t of undersize in %d s, computed in %.3f s\n", noisy ? "restless" : "steady", undersize / 1000, end, seconds() - began);
     }
     return 0;
 }

@@ -16,6 +16,7 @@ import numpy as np
 
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
+from vibroscreen.kernels import registry
 from vibroscreen.kernels.layout import (
     DECK_BED,
     DIMENSION,
@@ -291,7 +292,7 @@ def ports(config: ScreenConfig) -> tuple[Port, ...]:
     def port(row: _Row) -> Port:
         title, *index = row.place
         place = layout.offset[title] + int(np.ravel_multi_index(index, layout.shape[title]))
-        enumeration = ENUMERATIONS.get(row.name)
+        enumeration = _choices_of(row, float(buffer[place]))
         return Port(
             name=row.name,
             reference=place - first,
@@ -310,6 +311,15 @@ def ports(config: ScreenConfig) -> tuple[Port, ...]:
 
     rows = (*_parameters(config), *_inputs(config), *_outputs(config))
     return tuple(sorted(map(port, rows), key=lambda port: port.reference))
+
+
+def _choices_of(row: _Row, chosen: float) -> Enumeration | None:
+    """The choices of a variable: what is built in, and what a user registered up to `chosen`."""
+    built_in = ENUMERATIONS.get(row.name)
+    if built_in is None or chosen <= len(built_in.items):
+        return built_in
+    own = registry.names(row.name.partition(".")[0])[len(built_in.items) : int(chosen)]
+    return Enumeration(built_in.name, (*built_in.items, *((name, "one's own") for name in own)))
 
 
 def _parameters(config: ScreenConfig) -> Iterator[_Row]:

@@ -173,7 +173,7 @@ static fmi2Status check_limits(const Screen *screen, const double *p, const doub
     const double *lower = p + (int64_t) header[AT_LOWER] - PARAMETERS;
     const double *upper = p + (int64_t) header[AT_UPPER] - PARAMETERS;
     for (const Choice *c = CHOICE; c < CHOICE + COUNT(CHOICE); c++)
-        if (!(p[c->reference] >= 1 && p[c->reference] <= c->most))
+        if (!(p[c->reference] >= 1 && p[c->reference] <= c->most) && p[c->reference] != START[c->reference])
             return refuse(screen, TEXT_NO_CHOICE, (Told) {.name = c->name, .cure = c->cure, .value = p[c->reference]});
     for (int64_t i = 0; i + 1 < classes; i++)
         if (upper[i] != lower[i + 1]) {
@@ -495,7 +495,8 @@ static fmi2Status before_set(Screen *screen, const fmi2ValueReference vr[], size
         return fmi2OK;                                                                                              \
     }
 
-GET(Real, REAL, ROW(c)[vr[k]])
+/* Tools read all that they show as real numbers. */
+GET(Real, REAL | INTEGER | BOOLEAN, ROW(c)[vr[k]])
 GET(Integer, INTEGER, (fmi2Integer) ROW(c)[vr[k]])
 GET(Boolean, BOOLEAN, ROW(c)[vr[k]] != 0)
 SET(Real, REAL)

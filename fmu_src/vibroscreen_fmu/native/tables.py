@@ -208,7 +208,9 @@ def _limits(ports: Sequence[Port]) -> Iterable[str]:
         if port.enumeration:
             items = [item for item, _ in port.enumeration.items]
             text = ", ".join(f"{i} {item}" for i, item in enumerate(items, 1))
-            choices.append((port.reference, len(items), port.name, text))
+            family = port.name.partition(".")[0]
+            most = len(registry.BUILT_IN.get(family, items))
+            choices.append((port.reference, most, port.name, text))
             continue
         entry = entry_at(port.path)
         assert isinstance(entry, Number), f"{port.name} is no number"
