@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,7 @@ class ScreenSlave(RowSlave):
     """A screen behind FMI 2.0: its variables lie in a row in the screen's buffer."""
 
     def __init__(self, **kwargs: Any) -> None:
-        self._config = ScreenConfig.load(Path(kwargs["resources"]) / CONFIG_FILE)
-        self._table = ports(self._config)
+        self._config, self._table = _read(kwargs["resources"])
         super().__init__(self._table, **kwargs)
         self._fixed = [p.reference for p in self._table if p.path and p.variability == "fixed"]
         self._take_screen(Screen(self._config))
@@ -76,6 +76,13 @@ class ScreenSlave(RowSlave):
         changed = {port.path for port in table if parameters[port.reference] != port.start}
         values = {port: float(parameters[port.reference]) for port in table if port.path in changed}
         return Screen(configured(self._config, values))
+
+
+@functools.lru_cache(maxsize=4)
+def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
+    """What an FMU was built for, read once for all of its instances."""
+    config = ScreenConfig.load(Path(resources) / CONFIG_FILE)
+    return config, ports(config)
 
 
 def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenConfig:

@@ -13,7 +13,7 @@ import os
 import struct
 import sys
 import zlib
-from abc import abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -271,10 +271,22 @@ class RowSlave(Fmi2Slave):
             )
 
 
+class _Found(ABCMeta):
+    """What pythonfmu's library sees of a class when it looks for the slave in the script.
+
+    It asks every class for all that it derives from, for every instance, and never gives back a
+    copy of that: here the least that it needs.
+    """
+
+    @property
+    def __mro__(cls) -> tuple[type, ...]:
+        return (cls, Fmi2Slave)
+
+
 @functools.cache
 def slave_class(kind: type[RowSlave], name: str, build: str) -> type[RowSlave]:
     """The class of a build's slaves; the same one for all instances in a process."""
-    return type(name, (kind,), {"build": build})
+    return _Found(name, (kind,), {"build": build})
 
 
 def take_reference(kept: object) -> None:
