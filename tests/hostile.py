@@ -89,8 +89,9 @@ FUNCTIONS |= {
     for verb in ("Get", "Set")
     for kind, number in NUMBER.items()
 }
+# Large ones, such that what is fed in a sequence is still a number.
 STRANGE = (
-    *(0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1e300, 1e-9, 1e9, 0.5, 2.0),
+    *(0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e150, -1e150, 1e-9, 1e9, 0.5, 2.0),
     *(math.nan, math.inf, -math.inf),
 )
 # Numbers of the standard that a caller may ask for the status of, and others.

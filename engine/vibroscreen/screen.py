@@ -41,6 +41,7 @@ _LOG = logging.getLogger(__name__)
 LEAST_CELLS = 64
 MOST_CELLS = 512
 MOST_DECKS = 4
+SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of a computer
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 
@@ -185,7 +186,7 @@ class Screen:
         Raises InputError with the name, value and limit of the first input that is out of range;
         the state is as before then.
         """
-        if not (isinstance(duration, Real) and math.isfinite(duration) and duration > 0.0):
+        if not (isinstance(duration, Real) and SHORTEST_STEP <= duration < math.inf):
             raise InputError(
                 f"dt = {duration!r} s is not a finite positive time: give a step in seconds", "dt"
             )
