@@ -803,7 +803,7 @@ def test_a_refused_step_is_logged_and_changes_nothing(
     screen.step(1.0)
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf, 5e-324])
 def test_a_step_of_no_time_is_refused(screen: Instance, duration: float) -> None:
     before = screen.state
     with pytest.raises(FMICallException, match=FATAL):

@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
 MOST_DECKS = 4
+SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of a computer
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 
@@ -196,7 +197,7 @@ class Screen:
         if not isinstance(duration, Real):
             raise InputError(f"dt = {duration!r} is not a number: give a step in seconds", "dt")
         seconds = float(duration)
-        if not (math.isfinite(seconds) and seconds > 0.0):
+        if not SHORTEST_STEP <= seconds < math.inf:
             raise InputError(told("no_time", value=seconds), "dt")
         _accept(run(self.buffer, ADVANCE, seconds, 0.0), self.buffer, self.layout)
 

@@ -123,6 +123,7 @@ from {adapter}.row_slave import slave_class, take_reference
 # it that it never took.
 take_reference(globals())
 {model} = slave_class({kind}, "{model}", "{build}")
+del {kind}  # the library looks through every class that has a name here
 '''
 IMPORTS = "from {module} import {kind}"
 COMPILED_IMPORTS = """from numba import config

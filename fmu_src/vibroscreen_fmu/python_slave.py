@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,7 @@ class ScreenSlave(RowSlave):
     """A screen behind FMI 2.0: its variables lie in a row in the screen's buffer."""
 
     def __init__(self, **kwargs: Any) -> None:
-        self._config = ScreenConfig.load(Path(kwargs["resources"]) / CONFIG_FILE)
-        self._table = ports(self._config)
+        self._config, self._table = _read(kwargs["resources"])
         super().__init__(self._table, **kwargs)
         self._fixed = [p.reference for p in self._table if p.path and p.variability == "fixed"]
         self._take_screen(Screen(self._config))
@@ -82,6 +82,13 @@ class ScreenSlave(RowSlave):
         for port in changed:
             row[port.reference] = parameters[port.reference]
         return screen
+
+
+@functools.lru_cache(maxsize=4)
+def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
+    """What an FMU was built for, read once for all of its instances."""
+    config = ScreenConfig.load(Path(resources) / CONFIG_FILE)
+    return config, ports(config)
 
 
 def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenConfig:

@@ -13,11 +13,11 @@ import os
 import struct
 import sys
 import zlib
-from abc import abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ _STATE_HEAD = struct.Struct("<8s16sQQ")
 STATE_MARK = b"vscreen1"
 
 
+class _Last(NamedTuple):
+    """The list of value references that was used last, and where its variables lie."""
+
+    references: Sequence[int]
+    kinds: tuple[str, ...]
+    places: Places
+
+
 def refusing(
     hook: Callable[Concatenate[Kind, Arguments], Result],
 ) -> Callable[Concatenate[Kind, Arguments], Result]:
@@ -68,11 +76,14 @@ class RowSlave(Fmi2Slave):
     """
 
     build = ""
+    _last_got: _Last
+    _last_set: _Last
 
     def __init__(self, ports: Iterable[Port], **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self._ports = {port.reference: port for port in ports}
         self._remembered: dict[tuple[Any, ...], Places] = {}
+        self._forget()
         self._in_library = "logger" in kwargs
         self._running = self._ended = False
         if self._in_library:
@@ -112,7 +123,7 @@ class RowSlave(Fmi2Slave):
             raise ValueError(told("started"))
         self.start()
         self._running = True
-        self._remembered.clear()  # what may be set is another now
+        self._forget()
 
     @refusing
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -191,7 +202,7 @@ class RowSlave(Fmi2Slave):
             raise ValueError(told("broken_state", value=len(state)))
         self.recall(body)
         self._running, self._ended = bool(running), False
-        self._remembered.clear()
+        self._forget()
 
     # A state is bytes from the start. They are checked when they are set, where the instance is
     # known that has to outlive a refusal.
@@ -220,28 +231,35 @@ class RowSlave(Fmi2Slave):
         return RuntimeError(message)
 
     def _get(self, vrs: list[int], kinds: tuple[str, ...]) -> NDArray[np.float64]:
-        key = (kinds, *vrs)
-        places = self._remembered.get(key)
-        if places is None:
-            places = self._remember(key, self._places(vrs, kinds))
+        last = self._last_got
+        if vrs != last.references or kinds is not last.kinds:
+            last = self._last_got = self._found(vrs, kinds, to_set=False)
         self.read()
-        return self._values[places]
+        return self._values[last.places]
 
     def _set(self, vrs: list[int], kinds: tuple[str, ...], values: Sequence[Any]) -> None:
-        key = ("set", kinds, *vrs)
+        last = self._last_set
+        if vrs != last.references or kinds is not last.kinds:
+            last = self._last_set = self._found(vrs, kinds, to_set=True)
+        self._values[last.places] = values
+
+    def _found(self, vrs: list[int], kinds: tuple[str, ...], *, to_set: bool) -> _Last:
+        """Where variables lie that may be read, or set; looked up once for every list."""
+        key = (to_set, kinds, *vrs)
         places = self._remembered.get(key)
         if places is None:
-            found = self._places(vrs, kinds)
-            for reference in vrs:
+            places = self._places(vrs, kinds)
+            for reference in vrs if to_set else ():
                 self._check_settable(self._ports[reference])
-            places = self._remember(key, found)
-        self._values[places] = values
+            if len(self._remembered) >= _MOST_REMEMBERED:
+                self._remembered.clear()
+            self._remembered[key] = places
+        return _Last(vrs, kinds, places)
 
-    def _remember(self, key: tuple[Any, ...], places: Places) -> Places:
-        if len(self._remembered) >= _MOST_REMEMBERED:
-            self._remembered.clear()
-        self._remembered[key] = places
-        return places
+    def _forget(self) -> None:
+        """What may be set is another now."""
+        self._remembered.clear()
+        self._last_got = self._last_set = _Last((), (), slice(0))
 
     def _places(self, vrs: list[int], kinds: tuple[str, ...]) -> Places:
         """Where the variables lie in the row of values: a slice if they are neighbours."""
@@ -263,10 +281,23 @@ class RowSlave(Fmi2Slave):
             raise ValueError(told("fixed", name=port.name))
 
 
+class _Found(ABCMeta):
+    """What pythonfmu's library sees of a class when it looks for the slave in the script.
+
+    It asks every class for all that it derives from, for every instance, and never gives back a
+    copy of that: here the least that it needs.
+    """
+
+    @property
+    def __mro__(cls) -> tuple[type, ...]:
+        return (cls, Fmi2Slave)
+
+
 @functools.cache
 def slave_class(kind: type[RowSlave], name: str, build: str) -> type[RowSlave]:
     """The class of a build's slaves; the same one for all instances in a process."""
-    return type(name, (kind,), {"build": build})
+    made: Any = _Found(name, (kind,), {"build": build})
+    return cast("type[RowSlave]", made)
 
 
 def owner_of(build: str) -> bytes:

@@ -80,7 +80,9 @@ TARGET = {
     "steady_1e-3_ms": 0.1,
     "steady_1e-5_ms": 1.0,
     "slope": 1.05,
+    "edge_us": 10.0,
 }
+FORTY = 40  # values set and got at the edge of the FMU
 
 
 @dataclass(frozen=True)
@@ -649,6 +651,36 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
     return found
 
 
+def edge_cost(effort: Effort) -> dict[str, float]:
+    """Cost of 40 values set, a steady step and 40 values got by C calls, and of the bare step, us.
+
+    A screen of 34 classes has 40 inputs; a master gives them in the order of their references.
+    """
+    edges = (0.0, *(np.geomspace(0.5, 75.0, 34) * MM).tolist())
+    feed = Feed(ScreenConfig.default().feed.mass_flow_rate, typical_fractions(edges))
+    config = ScreenConfig(SizeClasses(edges), feed=feed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = build(config, Path(folder))
+        variables = read_model_description(str(path)).modelVariables
+        inputs = [v for v in variables if v.causality == "input"]
+        outputs = [v for v in variables if v.causality == "output" and v.type == "Real"]
+        assert len(inputs) == FORTY
+        engine = Scene(config).run_in()
+        with instances(path, 1) as (slaves, _, _):
+            raw = RawFmu(
+                slaves[0],
+                sorted(v.valueReference for v in inputs),
+                sorted(v.valueReference for v in outputs)[:FORTY],
+            )
+            for place, v in enumerate(sorted(inputs, key=lambda v: v.valueReference)):
+                raw.given[place] = float(v.start)
+            for _ in range(60):
+                raw.step()
+            timed = [Timed(engine.advance, batch=STEADY_BATCH), Timed(raw.step, batch=STEADY_BATCH)]
+            bare, whole = in_turns(timed, effort.repeat)
+    return {"engine": bare, "FMU, C calls": whole, "more": whole - bare}
+
+
 # --- targets -----------------------------------------------------------------------------------
 def targets(result: Row) -> list[Row]:
     """What is wanted, what was measured, whether that is met."""
@@ -669,6 +701,10 @@ def targets(result: Row) -> list[Row]:
             rows.append((f"20 classes, steady to {level:.0e}, ms", min(reached) / 1e3, name))
     for row in result["growth"]:
         rows.append((f"slope of cost, {row['title']}", row["slope_upper_half"], "slope"))
+    if result["edge"]:
+        rows.append(
+            ("40 set, 40 got by C calls over the engine, us", result["edge"]["more"], "edge_us")
+        )
     return [
         {"what": what, "value": value, "target": TARGET[name], "met": value <= TARGET[name]}
         for what, value, name in rows
@@ -716,6 +752,9 @@ def print_report(result: Row) -> None:
         for name, costs in result["ways"].items():
             still = costs["steady scene"]
             print(f"{name:<30}{still:>12.1f}{still - bare:>8.1f}{costs['frequency']:>15.1f}")
+    if result["edge"]:
+        told = ", ".join(f"{name} {cost:.1f}" for name, cost in result["edge"].items())
+        print(f"34 classes, 40 values set, steady step, 40 values got, us: {told}")
     print(f"\n{'target':<46}{'measured':>12}{'target':>10}")
     for row in result["targets"]:
         met = "met" if row["met"] else "MISSED"
@@ -809,6 +848,7 @@ def main(
         "growth": [],
         "skips": [],
         "ways": {},
+        "edge": {},
     }
     tasks: list[tuple[str, Callable[[], object]]] = []
     for name, config in kinds.items():
@@ -839,6 +879,7 @@ def main(
         )
     if fmu:
         tasks.append(("ways in", lambda: result["ways"].update(way_costs(effort))))
+        tasks.append(("40 and 40", lambda: result["edge"].update(edge_cost(effort))))
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         whole = progress.add_task("", total=len(tasks))

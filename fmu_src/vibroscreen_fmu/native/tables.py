@@ -19,7 +19,7 @@ from vibroscreen.kernels import registry
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
 from vibroscreen.kernels.layout import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 from vibroscreen.kernels.segregation import EXCHANGE
-from vibroscreen.screen import (
+from vibroscreen.screen import SHORTEST_STEP, (
     TEXT_OF_CODE,
     fill,
     slice_layout,
@@ -89,6 +89,7 @@ def header(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bu
             COMMAND_ADVANCE=ADVANCE,
             COMMAND_READ=READ,
             ACCEPTED=lay.ACCEPTED,
+            SHORTEST_STEP=SHORTEST_STEP,
             SETTABLE=SETTABLE,
             FIXED=FIXED,
             **{kind.upper(): bit for kind, bit in KINDS.items() if kind != "Enumeration"},
