@@ -19,7 +19,8 @@ from vibroscreen.kernels import registry
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
 from vibroscreen.kernels.layout import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 from vibroscreen.kernels.segregation import EXCHANGE
-from vibroscreen.screen import SHORTEST_STEP, (
+from vibroscreen.screen import (
+    SHORTEST_STEP,
     TEXT_OF_CODE,
     fill,
     slice_layout,
