@@ -197,8 +197,6 @@ class Python:
                 changed = bytes([state[place] ^ 1])
                 self._try(slave._set_fmu_state, state[:place] + changed + state[place + 1 :])
                 self._try(slave._set_fmu_state, state[:place])
-            elif call == "P":
-                self.out.append(bytes([8]))
         return b"".join(self.out)
 
     def _try(self, hook: Any, *arguments: Any) -> Any:

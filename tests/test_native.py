@@ -40,6 +40,7 @@ SCREENS = ROOT / "plant_examples" / "screens"
 FOREIGN = ("win64", "aarch64-linux")
 # The steps of a run; a double deck costs several times as much as a single one.
 STEPS = 10_000
+NULLS = 8  # calls with pointers to nothing that get the status that they should
 SANITIZED_STEPS, VALGRIND_STEPS = 400, 40
 
 
@@ -182,15 +183,16 @@ def test_a_hostile_host_gets_the_same_answers(
     name: str, built: Callable[[str], Built], replay: Path, tmp_path: Path
 ) -> None:
     one = built(name)
-    calls = [*walk(one.python.ports, 300, seed=2, hostile=True), ("P",)]
+    calls = list(walk(one.python.ports, 300, seed=2, hostile=True))
     wanted = one.python.answer(calls)
     for text in ("no_time", "fixed", "not_settable", "other_build", "broken_state", "no_state"):
         told = re.escape(TEXT[text])
         pattern = re.sub(r"\\\{[^}]*\\\}", ".*", told)
         if text != "other_build":  # no other build is at hand in this run
             assert re.search(pattern.encode(), wanted), text
-    got = replayed([replay], one.library, calls, one.guid, tmp_path)
-    assert got == wanted, first_difference(one.python, got)
+    got = replayed([replay], one.library, [*calls, ("P",)], one.guid, tmp_path)
+    assert got.startswith(wanted), first_difference(one.python, got)
+    assert got[len(wanted) :].endswith(bytes([NULLS]))
 
 
 BAD = [
@@ -348,9 +350,10 @@ def test_one_fmu_for_all_platforms(every_platform: Path) -> None:
             for target, platform in link.PLATFORMS.items()
         }
     assert found == set(link.PLATFORMS)
+    assert start["darwin64"] == bytes.fromhex("cafebabe")  # for two processors
     assert start["linux64"] == start["aarch64-linux"] == b"\x7fELF"
     assert start["win64"][:2] == b"MZ"
-    assert start["darwin64"] == start["aarch64-darwin"] == bytes.fromhex("cffaedfe")
+    assert start["darwin64"] == bytes.fromhex("cafebabe")  # for two processors
 
 
 # --- what it is made of --------------------------------------------------------------------------
@@ -469,10 +472,10 @@ def test_clean_under_sanitizers(
     library = sanitized(one.config, tmp_path, one.guid)
     program = tmp_path / "replay"
     compiled(REPLAY, program, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
-    calls = [*walk(one.python.ports, SANITIZED_STEPS, seed=4, hostile=True), ("P",)]
-    got = replayed([program], library, calls, one.guid, tmp_path)
+    calls = list(walk(one.python.ports, SANITIZED_STEPS, seed=4, hostile=True))
+    got = replayed([program], library, [*calls, ("P",)], one.guid, tmp_path)
     wanted = one.python.answer(calls)
-    assert got == wanted, first_difference(one.python, got)
+    assert got.startswith(wanted), first_difference(one.python, got)
 
 
 def test_clean_under_valgrind(built: Callable[[str], Built], tmp_path: Path) -> None:
@@ -481,11 +484,12 @@ def test_clean_under_valgrind(built: Callable[[str], Built], tmp_path: Path) -> 
         pytest.skip("valgrind is not installed")
     one = built("default")
     program = compiled(REPLAY, tmp_path / "replay", "-g")
-    calls = [*walk(one.python.ports, VALGRIND_STEPS, seed=5, hostile=True), ("P",)]
+    calls = list(walk(one.python.ports, VALGRIND_STEPS, seed=5, hostile=True))
     checks = ["--error-exitcode=9", "--leak-check=full", "--show-leak-kinds=definite,indirect"]
-    got = replayed(["valgrind", "-q", *checks, program], one.library, calls, one.guid, tmp_path)
+    host = ["valgrind", "-q", *checks, program]
+    got = replayed(host, one.library, [*calls, ("P",)], one.guid, tmp_path)
     wanted = one.python.answer(calls)
-    assert got == wanted, first_difference(one.python, got)
+    assert got.startswith(wanted), first_difference(one.python, got)
 
 
 # --- one's own sub-models ------------------------------------------------------------------------

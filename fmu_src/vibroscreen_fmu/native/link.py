@@ -54,7 +54,7 @@ class Platform:
     """A platform by its folder in an FMU.
 
     triple, cpu: as LLVM names them; zig: as the linker does; suffix: of a library; flags: for the
-    linker.
+    linker; other: what lies beside it in a library for two processors.
     """
 
     triple: str
@@ -62,6 +62,7 @@ class Platform:
     zig: str
     suffix: str
     flags: tuple[str, ...] = ()
+    other: Platform | None = None
 
 
 PLATFORMS = {
@@ -70,9 +71,12 @@ PLATFORMS = {
     "aarch64-linux": Platform(
         "aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17", "so", ELF
     ),
-    "darwin64": Platform("x86_64-apple-macosx11.0.0", "x86-64", "x86_64-macos.11.0", "dylib"),
-    "aarch64-darwin": Platform(
-        "arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0", "dylib"
+    "darwin64": Platform(
+        "x86_64-apple-macosx11.0.0",
+        "x86-64",
+        "x86_64-macos.11.0",
+        "dylib",
+        other=Platform("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0", "dylib"),
     ),
 }
 HOSTS = {("Linux", "x86_64"): "linux64", ("Linux", "aarch64"): "aarch64-linux"}
@@ -128,20 +132,33 @@ def library(
             f"platform = {target} cannot be linked by {command[0]}, only this machine's: "
             "pip install ziglang (pip install 'vibroscreen[native]')"
         )
-    code = object_code(chosen.triple, chosen.cpu, own_models(_models(config)))
+    own = own_models(_models(config))
+    result = _linked(chosen, text, own, name, flags)
+    if chosen.other:
+        result = _universal(result, _linked(chosen.other, text, own, name, flags))
+    if chosen.suffix == "so" and not flags:
+        _check_symbols(result)
+    return result
+
+
+def _linked(
+    chosen: Platform, text: str, own: Mapping[str, str], name: str, flags: Sequence[str]
+) -> bytes:
+    """The library for one processor."""
+    command, crossing = linker()
+    target: tuple[str, ...] = ()
+    if crossing:
+        target = ("-target", chosen.zig, "-fno-sanitize=all")
+    if chosen.suffix == "dylib":
+        target += (f"-Wl,-install_name,@rpath/{name}.dylib",)
     headers = importlib.resources.files("fmpy") / "c-code"
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         place.joinpath("screen.h").write_text(text)
-        place.joinpath("kernels.o").write_bytes(code)
+        place.joinpath("kernels.o").write_bytes(object_code(chosen.triple, chosen.cpu, own))
         shutil.copy(SOURCE, place)
         made = place / f"{name}.{chosen.suffix}"
-        target_flags: tuple[str, ...] = ()
-        if crossing:
-            target_flags = ("-target", chosen.zig, "-fno-sanitize=all")
-        if chosen.suffix == "dylib":
-            target_flags += (f"-Wl,-install_name,@rpath/{made.name}",)
-        arguments = (*target_flags, *COMMON, *chosen.flags, "-I", str(headers), *flags)
+        arguments = (*target, *COMMON, *chosen.flags, "-I", str(headers), *flags)
         run = subprocess.run(
             (*command, *arguments, SOURCE.name, "kernels.o", "-o", made.name, "-lm"),
             cwd=place,
@@ -150,11 +167,21 @@ def library(
             check=False,
         )
         if run.returncode != 0 or run.stderr:
-            raise ConfigError(f"platform = {target} does not link:\n{run.stderr}")
-        result = made.read_bytes()
-    if chosen.suffix == "so" and not flags:
-        _check_symbols(result)
-    return result
+            raise ConfigError(f"the library for {chosen.triple} does not link:\n{run.stderr}")
+        return made.read_bytes()
+
+
+def _universal(*parts: bytes) -> bytes:
+    """One library of macOS from those of its processors."""
+    head = struct.pack(">II", 0xCAFEBABE, len(parts))
+    place, rows, body = 1 << 14, b"", b""
+    for part in parts:
+        kind, variant = struct.unpack_from("<II", part, 4)
+        rows += struct.pack(">IIIII", kind, variant, place, len(part), 14)
+        room = -len(part) % (1 << 14)
+        body += part + b"\0" * room
+        place += len(part) + room
+    return (head + rows).ljust(1 << 14, b"\0") + body
 
 
 def write_native_fmu(
