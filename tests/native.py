@@ -1,4 +1,4 @@
-"""Calls for tests/replay.c, drawn at random, and what the runtime in Python answers to them.
+"""Calls for tests/replay.c, drawn at random; what a library and the python runtime answer.
 
 A call is a letter and its arguments; `record` writes calls, `answer` is what the slave of the
 python runtime gives for them, byte by byte as replay.c writes it.
@@ -6,21 +6,28 @@ python runtime gives for them, byte by byte as replay.c writes it.
 
 from __future__ import annotations
 
+import os
 import random
+import shutil
 import struct
+import subprocess
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 
 from vibroscreen.config import ScreenConfig
+from vibroscreen_fmu.native import link
 from vibroscreen_fmu.package import build_of, engine, screen_model
 from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.python_slave import CONFIG_FILE, ScreenSlave
 from vibroscreen_fmu.row_slave import slave_class
 
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+REPLAY = Path(__file__).with_name("replay.c")
 OK, ERROR = b"\x00", b"\x03"
 NUMBERS = {"R": "d", "I": "i", "r": "", "b": ""}
 STRANGE = (np.nan, np.inf, -np.inf, -1.0, 1e9, -1e-12, 2.5)
@@ -130,11 +137,66 @@ def record(calls: Sequence[Call], guid: str) -> bytes:
                 parts.append(struct.pack(f"<{count}{NUMBERS[call]}", *rest[1]))
         elif call == "D":
             parts.append(struct.pack("<d", rest[0]))
-        elif call == "C":
+        elif call in ("C", "m"):
             parts.append(struct.pack("<I", rest[0]))
+        elif call == "M":
+            times, to_set, given, to_get, noise = rest
+            values = struct.pack(f"<I{len(to_set)}I", len(to_set), *to_set)
+            values += struct.pack(f"<{len(given)}d", *given)
+            values += struct.pack(f"<I{len(to_get)}I", len(to_get), *to_get) + struct.pack(
+                "<d", noise
+            )
+            parts.append(struct.pack("<I", times) + values)
         elif call == "B":
             parts.append(struct.pack("<I", len(rest[0])) + rest[0])
     return b"".join(parts)
+
+
+def compiled(source: Path, made: Path, *flags: str, target: str | None = None) -> Path:
+    """A program from C, for this machine or for a platform of the linker."""
+    command, crossing = link.linker()
+    if target:
+        flags = ("-target", link.PLATFORMS[target].zig, *flags)
+    elif crossing and shutil.which("cc"):
+        command = ("cc",)
+    warnings = ("-std=gnu99", "-Wall", "-Wextra", "-Werror")
+    libraries = () if target == "win64" else ("-ldl", "-lm")
+    call = [*command, *warnings, "-O1", "-I", HEADERS, source, *flags, "-o", made, *libraries]
+    subprocess.run(list(map(str, call)), check=True)
+    return made
+
+
+def replayed(
+    program: Sequence[str | Path],
+    library: Path,
+    calls: Sequence[Call],
+    guid: str,
+    folder: Path,
+    **environment: str,
+) -> bytes:
+    """What a library answers, in a folder that holds nothing else."""
+    place = folder / "alone"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
+    shutil.copy(library, place)
+    (place / "calls").write_bytes(record(calls, guid))
+    done = subprocess.run(
+        [*map(str, program), f"./{library.name}", "calls", "out"],
+        cwd=place,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return (place / "out").read_bytes()
+
+
+def unzipped_library(fmu: Path, folder: Path) -> Path:
+    """The library for this machine of an FMU that is unzipped into a folder."""
+    fmpy.extract(str(fmu), unzipdir=str(folder))
+    (library,) = (folder / "binaries" / link.default_platforms()[0]).iterdir()
+    return library
 
 
 class Python:

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "fmi2Functions.h"
 #ifdef _WIN32
@@ -100,6 +101,51 @@ static void set_bytes(fmi2Component c, const fmi2Byte *bytes, size_t size) {
     CALL(fmi2FreeFMUstate)(c, &state);
 }
 
+static void put_cost(clock_t begun, double times) {
+    double microseconds = 1e6 * (double) (clock() - begun) / CLOCKS_PER_SEC / times;
+    put(&microseconds, sizeof microseconds);
+}
+
+static void start(fmi2Component c) {
+    if (CALL(fmi2SetupExperiment)(c, 0, 0, 0, 0, 0) || CALL(fmi2EnterInitializationMode)(c)
+        || CALL(fmi2ExitInitializationMode)(c))
+        exit(3);
+}
+
+/* Cost of an instance with its first step, us of processor time, over so many. */
+static void measure_start(uint32_t times) {
+    clock_t begun = clock();
+    for (uint32_t k = 0; k < times; k++) {
+        fmi2Component c = make();
+        start(c);
+        if (CALL(fmi2DoStep)(c, 0, 1, 1)) exit(3);
+        CALL(fmi2FreeInstance)(c);
+    }
+    put_cost(begun, times);
+}
+
+/* Cost of a step of 1 s with values set and got, us of processor time. The first value wanders about
+   its start by the part `noise`, with a memory of a minute; 0: nothing changes. */
+static void measure_steps(fmi2Component c) {
+    uint32_t times = take_count(), gets, sets = take_count();
+    fmi2ValueReference *to_set = take_many(sets, sizeof *to_set);
+    double *given = take_many(sets, sizeof *given), noise, part = 0, first = given[0];
+    fmi2ValueReference *to_get = take_many(gets = take_count(), sizeof *to_get);
+    double *got = calloc(gets + 1, sizeof *got);
+    take(&noise, sizeof noise);
+    fmi2SetRealTYPE *set = CALL(fmi2SetReal);
+    fmi2GetRealTYPE *get = CALL(fmi2GetReal);
+    fmi2DoStepTYPE *step = CALL(fmi2DoStep);
+    clock_t begun = clock();
+    for (uint32_t k = 0; k < times; k++) {
+        part += 0.3 * noise * (2.0 * rand() / RAND_MAX - 1) - part / 60;
+        given[0] = first * (1 + part);
+        if (set(c, to_set, sets, given) || step(c, k, 1, 1) || get(c, to_get, gets, got)) exit(3);
+    }
+    put_cost(begun, times);
+    free(to_set), free(given), free(to_get), free(got);
+}
+
 int main(int count, char **arguments) {
     if (count != 4 || !(library = OPEN(arguments[1])) || !(calls = fopen(arguments[2], "rb"))
         || !(out = fopen(arguments[3], "wb")))
@@ -187,7 +233,9 @@ int main(int count, char **arguments) {
             refused += CALL(fmi2GetString)(c, NULL, 0, NULL) == fmi2OK;
             CALL(fmi2FreeInstance)(NULL);
             fputc(refused, out);
-        } else return fprintf(stderr, "call %d is unknown\n", call), 2;
+        } else if (call == 'm') measure_start(take_count());
+        else if (call == 'M') measure_steps(c);
+        else return fprintf(stderr, "call %d is unknown\n", call), 2;
     }
     if (kept) CALL(fmi2FreeFMUstate)(c, &kept);
     CALL(fmi2FreeInstance)(c);

@@ -6,7 +6,6 @@ Both answer the same calls (tests/native.py), a program in C hands them to the l
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -22,7 +21,7 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
-from native import OK, Call, Python, record, walk
+from native import OK, REPLAY, Call, Python, compiled, replayed, unzipped_library, walk
 
 import build_fmu
 from vibroscreen import Screen, ScreenConfig
@@ -35,7 +34,6 @@ from vibroscreen_fmu.package import build_of, engine, screen_model
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-REPLAY = ROOT / "tests" / "replay.c"
 SCREENS = ROOT / "plant_examples" / "screens"
 FOREIGN = ("win64", "aarch64-linux")
 # The steps of a run; a double deck costs several times as much as a single one.
@@ -87,8 +85,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
             folder = tmp_path_factory.mktemp("native")
             config = configurations()[name]
             path = link.write_native_fmu(config, folder)
-            place = Path(extract(str(path), unzipdir=str(folder / "unzipped")))
-            (library,) = place.glob("binaries/*/*.so")
+            library = unzipped_library(path, folder / "unzipped")
             guid = read_model_description(str(path)).guid
             known[name] = Built(config, library, guid, Python(config, folder))
         return known[name]
@@ -103,51 +100,11 @@ def every_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_fmu.build(ScreenConfig.default(), folder, "native", tuple(link.PLATFORMS))
 
 
-def compiled(source: Path, made: Path, *flags: str, target: str | None = None) -> Path:
-    """A program from C, for this machine or for a platform of the linker."""
-    command, crossing = link.linker()
-    if target:
-        flags = ("-target", link.PLATFORMS[target].zig, *flags)
-    elif crossing and shutil.which("cc"):
-        command = ("cc",)
-    warnings = ("-std=gnu99", "-Wall", "-Wextra", "-Werror")
-    libraries = () if target == "win64" else ("-ldl", "-lm")
-    call = [*command, *warnings, "-O1", "-I", HEADERS, source, *flags, "-o", made, *libraries]
-    subprocess.run(list(map(str, call)), check=True)
-    return made
-
-
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program that hands calls to a library; it stops if a step takes memory."""
     made = tmp_path_factory.mktemp("replay") / "replay"
     return compiled(REPLAY, made, "-DCOUNT_ALLOCATIONS", "-rdynamic")
-
-
-def replayed(
-    program: list[str | Path],
-    library: Path,
-    calls: list[Call],
-    guid: str,
-    folder: Path,
-    **environment: str,
-) -> bytes:
-    """What a library answers, in a folder that holds nothing else."""
-    place = folder / "alone"
-    shutil.rmtree(place, ignore_errors=True)
-    place.mkdir()
-    shutil.copy(library, place)
-    (place / "calls").write_bytes(record(calls, guid))
-    done = subprocess.run(
-        [*map(str, program), f"./{library.name}", "calls", "out"],
-        cwd=place,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return (place / "out").read_bytes()
 
 
 def first_difference(python: Python, got: bytes) -> str:
@@ -511,8 +468,7 @@ def test_a_sub_model_of_ones_own_is_compiled_in(replay: Path, tmp_path: Path) ->
     config = ScreenConfig.default().replace(passage=Passage("straight", velocity=0.08))
     path = link.write_native_fmu(config, tmp_path)
     assert validate_fmu(str(path)) == []
-    place = Path(extract(str(path), unzipdir=str(tmp_path / "unzipped")))
-    (library,) = place.glob("binaries/*/*.so")
+    library = unzipped_library(path, tmp_path / "unzipped")
     ports = screen_model(config, built_in=False).ports
     outputs = [p for p in ports if p.causality == "output" and p.kind == "Real"]
     calls: list[Call] = [("X",), ("D", 30.0), ("r", [p.reference for p in outputs])]
