@@ -30,6 +30,7 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 REPLAY = Path(__file__).with_name("replay.c")
 OK, ERROR = b"\x00", b"\x03"
 NUMBERS = {"R": "d", "I": "i", "r": "", "b": ""}
+REFUSED = 5
 STRANGE = (np.nan, np.inf, -np.inf, -1.0, 1e9, -1e-12, 2.5)
 
 Call = tuple[Any, ...]
@@ -65,6 +66,8 @@ def walk(table: Sequence[Port], steps: int, seed: int, *, hostile: bool = False)
         yield ("X",)
 
     yield from start()
+    for what in range(REFUSED if hostile else 0):
+        yield from refused(rng, what, inputs, fixed, outputs)
     for step in range(steps):
         if rng.random() < 0.3:
             port = rng.choice(scalars)
@@ -78,7 +81,7 @@ def walk(table: Sequence[Port], steps: int, seed: int, *, hostile: bool = False)
         if rng.random() < 0.02:
             yield "R", [scalars[0].reference, scalars[1].reference], [0.0, near(scalars[1])]
         if rng.random() < 0.01 * often:
-            yield from refused(rng, inputs, fixed, outputs)
+            yield from refused(rng, rng.randrange(REFUSED), inputs, fixed, outputs)
         yield "D", rng.choice((1.0, 1.0, 1.0, 0.1, 5.0, 10.0 ** rng.uniform(-3.0, 2.5)))
         if rng.random() < 0.7:
             yield "r", reals
@@ -101,11 +104,14 @@ def walk(table: Sequence[Port], steps: int, seed: int, *, hostile: bool = False)
 
 
 def refused(
-    rng: random.Random, inputs: Sequence[Port], fixed: Sequence[Port], outputs: Sequence[int]
+    rng: random.Random,
+    what: int,
+    inputs: Sequence[Port],
+    fixed: Sequence[Port],
+    outputs: Sequence[int],
 ) -> Iterator[Call]:
-    """Something that is refused, and what makes it good again."""
+    """Something that is refused, one of REFUSED kinds, and what makes it good again."""
     port = rng.choice(inputs)
-    what = rng.randrange(5)
     if what == 0:
         yield "R", [port.reference], [rng.choice(STRANGE)]
         yield "D", 1.0

@@ -31,6 +31,8 @@ from vibroscreen.kernels import registry
 from vibroscreen_fmu.native import link
 from vibroscreen_fmu.native.tables import header
 from vibroscreen_fmu.package import build_of, engine, screen_model
+from vibroscreen_fmu.python_slave import ScreenSlave
+from vibroscreen_fmu.row_slave import slave_class
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
@@ -62,7 +64,7 @@ def configurations() -> dict[str, ScreenConfig]:
     }
 
 
-LENGTHS = {"default": STEPS, "two decks": STEPS // 4}
+LENGTHS = {"default": STEPS, "two decks": STEPS}
 
 
 @dataclass
@@ -130,9 +132,11 @@ def test_answers_of_both_runtimes_are_the_same_bytes(
     assert len(wanted) > 1000 * (LENGTHS.get(name, STEPS // 20) // 20)
     got = replayed([replay], one.library, calls, one.guid, tmp_path)
     assert got == wanted, first_difference(one.python, got)
-    if name in LENGTHS:
-        plain = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
-        assert replayed([replay], one.library, calls, one.guid, tmp_path, **plain) == wanted
+    plain = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
+    fewer = calls[: len(calls) // (1 if name == "default" else 4)]
+    got = replayed([replay], one.library, fewer, one.guid, tmp_path, **plain)
+    assert wanted.startswith(got)
+    assert len(got) > len(wanted) // 8
 
 
 @pytest.mark.parametrize("name", ["default", "two decks"])
@@ -142,11 +146,9 @@ def test_a_hostile_host_gets_the_same_answers(
     one = built(name)
     calls = list(walk(one.python.ports, 300, seed=2, hostile=True))
     wanted = one.python.answer(calls)
-    for text in ("no_time", "fixed", "not_settable", "other_build", "broken_state", "no_state"):
-        told = re.escape(TEXT[text])
-        pattern = re.sub(r"\\\{[^}]*\\\}", ".*", told)
-        if text != "other_build":  # no other build is at hand in this run
-            assert re.search(pattern.encode(), wanted), text
+    for text in ("no_time", "fixed", "not_settable", "other_type", "broken_state", "no_state"):
+        pattern = re.sub(r"\\\{[^}]*\\\}", ".*", re.escape(TEXT[text]))
+        assert re.search(pattern.encode(), wanted), text
     got = replayed([replay], one.library, [*calls, ("P",)], one.guid, tmp_path)
     assert got.startswith(wanted), first_difference(one.python, got)
     assert got[len(wanted) :].endswith(bytes([NULLS]))
@@ -195,7 +197,7 @@ def test_refused_starts_are_told_in_the_same_words(
     if not values.keys() <= ports.keys():
         return  # of the other screen
     calls: list[Call] = [*settings(ports, values), ("X",)]
-    good = {key: ports[key].start for key in values}
+    good = {key: ports[key].start or 0.0 for key in values}
     calls += [*settings(ports, good), ("X",), ("D", 2.0), ("S",)]
     wanted = one.python.answer(calls)
     assert b"logStatusError" in wanted
@@ -206,7 +208,9 @@ def test_refused_starts_are_told_in_the_same_words(
 def settings(ports: dict, values: dict[str, float]) -> list[Call]:
     """Calls that set variables by name."""
     return [
-        ("R" if ports[name].kind == "Real" else "I", [ports[name].reference], [value])
+        ("R", [ports[name].reference], [value])
+        if ports[name].kind == "Real"
+        else ("I", [ports[name].reference], [int(value)])
         for name, value in values.items()
     ]
 
@@ -262,6 +266,12 @@ def test_a_state_of_either_runtime_is_one_of_the_other(
     got = replayed([replay], one.library, calls, one.guid, tmp_path)
     assert got == one.python.answer(calls)
     assert got.startswith(OK + OK)
+    other = slave_class(ScreenSlave, "VibratingScreen", "another build")
+    stranger = other(instance_name="screen", resources=str(one.python.folder))
+    calls = [("B", stranger._get_fmu_state()), ("S",)]
+    got = replayed([replay], one.library, calls, one.guid, tmp_path)
+    assert got == one.python.answer(calls)
+    assert b"are of another build of the FMU" in got
 
 
 # --- other platforms -----------------------------------------------------------------------------
@@ -322,7 +332,6 @@ def test_the_library_needs_the_c_library_and_shows_fmi(built: Callable[[str], Bu
     )
     simulation = {name for name in declared if not re.search(MODEL_EXCHANGE, name)}
     assert shown == simulation
-    assert len(simulation) == 33
     assert taken <= link.ALLOWED
     needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout
     names = {Path(line.split()[0]).name for line in needed.splitlines()}
@@ -487,7 +496,7 @@ def test_a_sub_model_of_ones_own_is_compiled_in(replay: Path, tmp_path: Path) ->
 def test_a_sub_model_that_needs_python_is_refused(tmp_path: Path) -> None:
     registry.register("passage", "allocates", allocating_passage)
     config = ScreenConfig.default().replace(passage=Passage("allocates"))
-    with pytest.raises(ConfigError, match=r"must not allocate, print or call Python|does not link"):
+    with pytest.raises(ConfigError, match="must not allocate, print or call Python"):
         link.write_native_fmu(config, tmp_path)
     assert not list(tmp_path.glob("*.fmu"))
 

@@ -101,7 +101,9 @@ def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenCon
                 choice = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
                 raise ConfigError(told("no_choice", name=port.name, value=value, cure=choice))
             values[port.path] = names[int(value) - 1]
-        elif values.setdefault(port.path, value) != value:
+        elif port.path not in values:
+            values[port.path] = value
+        elif values[port.path] != value:
             beside = values[port.path]
             raise ConfigError(told("two_limits", name=port.name, value=value, limit=beside))
     if ("passage", "velocity") in values:

@@ -15,20 +15,21 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
 from numba import carray, njit, types
 
+from vibroscreen.errors import ConfigError
 from vibroscreen.kernels import jit, registry
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE
 from vibroscreen.kernels.layout import ACCEPTED
 from vibroscreen.kernels.plan import plan
 from vibroscreen.kernels.step import advance, initialise, read_partition
 
-__all__ = ["C_PROTOTYPES", "SUB_MODEL", "object_code", "own_models"]
+__all__ = ["C_PROTOTYPES", "MATHEMATICS", "SUB_MODEL", "object_code", "own_models"]
 
 # As C sees them. They give a status of numba, 0 unless a kernel raised what it must not.
 C_PROTOTYPES = """\
@@ -37,6 +38,12 @@ int32_t screen_run(int64_t *code, void **raised, double *buffer, int64_t size, i
 int32_t screen_plan(int64_t *code, void **raised, double *buffer, int64_t size,
                     const double *aperture, const double *velocity, int64_t rows);
 """
+# Of the C library. The kernels take only what is exact there; a user's own sub-model may take all.
+MATHEMATICS = {
+    *("acos", "asin", "atan", "atan2", "cbrt", "ceil", "cos", "cosh", "exp", "exp2", "expm1"),
+    *("fabs", "floor", "fmod", "hypot", "log", "log10", "log1p", "log2", "pow", "rint", "round"),
+    *("sin", "sinh", "sqrt", "tan", "tanh", "trunc"),
+}
 # Name in C of a user's own sub-model of a family.
 SUB_MODEL = "screen_own_{}"
 
@@ -50,13 +57,13 @@ ENVIRONMENT = {
     "PYTHONHASHSEED": "0",
 }
 # Views own nothing and nothing is counted for them; nobody is there to ask why a kernel raised.
-COUNTING = re.compile(
-    r"^define [^\n]*(@NRT_(?:incref|decref)\([^)]*\))[^\n]*\{.*?^\}", flags=re.M | re.S
-)
+COUNTING = re.compile(r"^define [^\n]*@(NRT_(?:incref|decref))\([^\n]*\{.*?^\}", flags=re.M | re.S)
 RAISED = re.compile(r"^(?!@)(.*?)ptr @\.const\.picklebuf\.[\w.]+", flags=re.M)
 TARGET = re.compile(r"^target (?:triple|datalayout) = .*\n", flags=re.M)
 # Python's functions that numba's wrapper of a user's function calls when that raises.
-PYTHON = re.compile(r"^declare (void|ptr|i32) (@(?:Py|numba_)\w+\([^)]*\)).*$", flags=re.M)
+PYTHON = re.compile(
+    r"^declare (?:[a-z]+ )*(void|ptr|i32) @((?:Py|numba_)\w+)\((.*)\).*$", flags=re.M
+)
 
 
 def object_code(triple: str, cpu: str, own: Mapping[str, str]) -> bytes:
@@ -103,8 +110,9 @@ def _kept(title: str, key: str, make: Callable[[], bytes]) -> bytes:
 def _stub(declared: re.Match[str]) -> str:
     """A function of Python that does nothing: what a user's function raises is lost, as in JIT."""
     kind, name = declared[1], declared[2]
+    given = ", ".join(part.split()[0] for part in declared[3].split(", ") if part)
     value = {"void": "void", "ptr": "ptr null", "i32": "i32 0"}[kind]
-    return f"define internal {kind} {name} {{\n  ret {value}\n}}"
+    return f"define internal {kind} @{name}({given}) {{\n  ret {value}\n}}"
 
 
 def _export() -> bytes:
@@ -149,12 +157,23 @@ def _compile(code: bytes, triple: str, cpu: str, own: Mapping[str, str]) -> byte
     passes.add_global_dead_code_eliminate_pass()
     passes.add_strip_dead_prototype_pass()
     passes.run(module, builder)
+    _check_needs(f.name for f in module.functions if f.is_declaration)
     emitted: bytes = machine.emit_object(module)
     return emitted
 
 
+def _check_needs(declared: Iterable[str]) -> None:
+    """Refuse code that calls what the C library has not."""
+    foreign = {name for name in declared if not name.startswith("llvm.")} - MATHEMATICS
+    if foreign:
+        raise ConfigError(
+            f"a sub-model of one's own needs {', '.join(sorted(foreign))}, which a library without "
+            "Python has not: it must not allocate, print or call Python"
+        )
+
+
 def _nothing(found: re.Match[str]) -> str:
-    return f"define internal void {found[1]} alwaysinline {{\n  ret void\n}}"
+    return f"define internal void @{found[1]}(ptr %counted) alwaysinline {{\n  ret void\n}}"
 
 
 def _main(target: Path) -> None:
