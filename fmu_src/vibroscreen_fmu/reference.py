@@ -13,12 +13,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from lxml import etree
+from numpy.typing import NDArray
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
 from vibroscreen_fmu.port import Port
 
 __all__ = ["reference_files"]
+
+Numbers = NDArray[np.float64]
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
@@ -30,9 +33,9 @@ STANDARD = {
     ),
 }
 STEP, STOP = 10.0, 600.0  # s
-# From empty decks, at the duty; more feed from the first time on, slower from the second on.
-MORE_FEED, SLOWER = (200.0, 1.2), (400.0, 0.9)
-FEED, SPEED = "feed.mass_flow_rate", "motion.frequency"
+# From empty decks, at the duty; factors on inputs from a time on: more feed, then slower.
+CHANGES = {"feed.mass_flow_rate": (200.0, 1.2), "motion.frequency": (400.0, 0.9)}
+ERROR = "balance.error"
 DIGITS = 9
 # A host computes with the engine itself or on another processor: all that differs is round-off.
 OPTIONS = {
@@ -50,22 +53,22 @@ def reference_files(name: str, config: ScreenConfig, ports: Iterable[Port]) -> d
     """Files of the reference run of a screen, by path in the FMU."""
     table = tuple(ports)
     times = np.arange(0.0, STOP + STEP / 2, STEP)
-    inputs = {port.name: port for port in table if port.name in (FEED, SPEED)}
-    stimuli = _stimuli(times, {name: port.start or 0.0 for name, port in inputs.items()})
-    outputs = [port for port in table if port.causality == "output" and port.kind == "Real"]
+    inputs = [port for port in table if port.causality == "input"]
+    stimuli = np.array([_stimulus(port, times) for port in inputs])
+    # What is round-off is no result.
+    outputs = [p for p in table if p.causality == "output" and p.kind == "Real" and p.name != ERROR]
     screen = Screen(config)
     row = screen.buffer[screen.layout.section["parameters"].start :]
-    places = [port.reference for port in outputs]
+    given, places = ([port.reference for port in part] for part in (inputs, outputs))
     results = []
-    for moment in range(times.size):
+    for values in stimuli.T:
         screen.read()
         results.append(row[places])
-        for name_of_input, values in stimuli.items():
-            row[inputs[name_of_input].reference] = values[moment]
+        row[given] = values
         screen.advance(STEP)
     options = "".join(f"{key}, {value}\n" for key, value in OPTIONS.items()).encode()
     files = {
-        f"{name}_in.csv": _csv(times, list(stimuli), np.transpose([*stimuli.values()])),
+        f"{name}_in.csv": _csv(times, [port.name for port in inputs], stimuli.T),
         f"{name}_ref.csv": _csv(times, [port.name for port in outputs], np.array(results)),
         f"{name}_ref.opt": options,
     }
@@ -78,19 +81,18 @@ def reference_files(name: str, config: ScreenConfig, ports: Iterable[Port]) -> d
     return {f"{FOLDER}/{file}": content for file, content in files.items()}
 
 
-def _stimuli(times: np.ndarray, duty: dict[str, float]) -> dict[str, np.ndarray]:
-    """Inputs at the start of every step; a master that interpolates meets no jump inside one."""
-    found = {}
-    for name, (start, factor) in ((FEED, MORE_FEED), (SPEED, SLOWER)):
-        found[name] = duty[name] * np.where(times >= start, factor, 1.0)
-    return found
+def _stimulus(port: Port, times: Numbers) -> Numbers:
+    """An input at the start of every step; a master that interpolates meets no jump inside one."""
+    after, factor = CHANGES.get(port.name, (0.0, 1.0))
+    assert port.start is not None  # it is an input
+    return port.start * np.where(times >= after, factor, 1.0)
 
 
-def _csv(times: np.ndarray, names: Sequence[str], columns: np.ndarray) -> bytes:
+def _csv(times: Numbers, names: Sequence[str], rows: Numbers) -> bytes:
     target = io.StringIO()
     writer = csv.writer(target, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
     writer.writerow(["time", *names])
-    for time, values in zip(times, columns, strict=True):
+    for time, values in zip(times, rows, strict=True):
         text = ",".join(f"{value:.{DIGITS}g}" for value in (time, *values))
         target.write(f"{text}\n")
     return target.getvalue().encode()
