@@ -6,7 +6,10 @@ With NUMBA_DISABLE_JIT=1 everything here falls back to plain Python of the same 
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,26 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, config, njit, types
 from numba.extending import intrinsic, register_jitable
+from numba.np import linalg
+
+
+def _load_arrays_without_scipy() -> None:
+    """Load what numba knows of arrays, without the BLAS that it looks for there.
+
+    Kernels use none, and scipy, where it is installed, takes longer to import than the kernels to
+    load. Who needs BLAS is given it when it is used.
+    """
+    if "numba.np.arraymath" in sys.modules or find_spec("scipy") is None:
+        return
+    kept = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = kept
+
+
+_load_arrays_without_scipy()
 
 
 def _source_stamp() -> str:
