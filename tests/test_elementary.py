@@ -159,7 +159,7 @@ def test_no_number(name: str, arguments: tuple[float, ...]) -> None:
     assert math.isnan(getattr(elementary, name)(*arguments))
 
 
-@pytest.mark.parametrize("x", [1e7, -3e9, 1e15, 1e16, 1e22, -1e100, 1e300])
+@pytest.mark.parametrize("x", [1e7, -3e9, 1e15, 1e16, 1e22, -1e100, 1e299])
 def test_angles_of_many_turns_stay_on_the_circle(x: float) -> None:
     sine, cosine = elementary.sine_cosine(x)
     assert sine * sine + cosine * cosine == pytest.approx(1.0, abs=1e-12)

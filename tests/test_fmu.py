@@ -826,7 +826,10 @@ def test_tunable_parameters_count_from_the_next_step_on(screen: Instance) -> Non
     ("values", "message"),
     [
         ({"deck[1].panel[1].aperture": 16.0}, r"deck[1].panel[1].aperture = 16 m is larger"),
-        ({"deck[1].panel[1].inclination": 0.6, "deck[1].width": 2.0}, "the bed would run away"),
+        (
+            {"deck[1].panel[1].inclination": 0.6, "deck[1].width": 2.0},
+            "a rigid body would run away",
+        ),
         ({"deck[1].panel[1].inclination": 0.6}, "deck[1].panel[1].inclination = 0.6 rad"),
         ({"size_class[3].upper": 3 * MM}, "set both to the same"),
         ({"feed.mass_flow_rate": -1.0}, "feed.mass_flow_rate = -1 kg/s"),

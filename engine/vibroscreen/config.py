@@ -437,11 +437,11 @@ class Bed:
     """
 
     contact_depth: float = field(
-        default=20.0 * MM, metadata=number("contact_depth_mm", "m", MM, above=0.0, at_most=5.0)
+        default=20.0 * MM, metadata=number("contact_depth_mm", "m", MM, at_least=1e-9, at_most=5.0)
     )
     layer_depth: float = field(
         default=_AS_CONTACT_DEPTH,
-        metadata=number("layer_depth_mm", "m", MM, above=0.0, at_most=5.0, optional=True),
+        metadata=number("layer_depth_mm", "m", MM, at_least=1e-9, at_most=5.0, optional=True),
     )
     initial: str = field(
         default="empty", metadata=of(Choice("initial", lambda: ("empty", "steady")))
