@@ -1,24 +1,27 @@
-"""Build the FMU of a vibrating screen: `python build_fmu.py [CONFIG.toml] [--output DIR]`."""
+"""Build the FMU of a vibrating screen: `python build_fmu.py [CONFIG.toml] [--runtime RUNTIME]`."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from fmpy import platform, supported_platforms
 from fmpy.validation import validate_fmu
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen_fmu.native.link import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import summary, write_fmu
 
 OUTPUT = Path("dist")
-RUNTIMES = ("python",)
+RUNTIMES = ("python", "native")
 # Runs in a process of its own, as a library that was loaded stays loaded.
 TRIAL = """
 import sys
@@ -27,19 +30,35 @@ simulate_fmu(sys.argv[1], stop_time=2.0, step_size=1.0, output_interval=1.0, deb
 """
 
 
-def build(config: ScreenConfig, output: Path = OUTPUT) -> Path:
+def build(
+    config: ScreenConfig,
+    output: Path = OUTPUT,
+    runtime: str = "python",
+    platforms: Sequence[str] = (),
+) -> Path:
     """Write the FMU of a screen into the folder `output`, validate it and run two steps.
 
-    Returns its path. Raises ConfigError for a configuration that an FMU cannot carry, RuntimeError
-    with what was found if the file is not valid or does not run. A file that was there stays then.
+    platforms: of runtime = native, this machine's if none is named. Returns the path. Raises
+    ConfigError for a configuration or a platform that an FMU cannot carry, RuntimeError with what
+    was found if the file is not valid or does not run. A file that was there stays then.
     """
     output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=output) as folder:
-        made = write_fmu(config, Path(folder))
-        problems = validate_fmu(str(made)) or _trial(made)
+        if runtime == "native":
+            made = write_native_fmu(config, Path(folder), platforms)
+        else:
+            made = write_fmu(config, Path(folder))
+        problems = validate_fmu(str(made))
+        if not problems and runs_here(made):
+            problems = _trial(made)
         if problems:
             raise RuntimeError("\n".join([f"{made.name} is of no use and was removed:", *problems]))
         return made.replace(output / made.name)
+
+
+def runs_here(path: Path) -> bool:
+    """Whether an FMU has a library for this machine."""
+    return platform in supported_platforms(str(path))
 
 
 def _trial(path: Path) -> list[str]:
@@ -53,26 +72,44 @@ def main(
     config: Annotated[
         Path | None, typer.Argument(help="What the screen is; a typical quarry screen if left out.")
     ] = None,
-    runtime: Annotated[str, typer.Option(help=" or ".join(RUNTIMES))] = RUNTIMES[0],
+    runtime: Annotated[str, typer.Option(help=f"{', '.join(RUNTIMES)} or both")] = RUNTIMES[0],
+    platform: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"of runtime = native, may be given several times: {', '.join(PLATFORMS)}; "
+            "this machine's if left out"
+        ),
+    ] = None,
     output: Annotated[Path, typer.Option(help="Folder of the FMU.")] = OUTPUT,
 ) -> None:
-    """Build VibratingScreen.fmu, validate it and say what it is."""
+    """Build VibratingScreen.fmu, or VibratingScreen_native.fmu; validate it, say what it is."""
     errors = Console(stderr=True, soft_wrap=True, markup=False)
-    if runtime not in RUNTIMES:
-        errors.print(f"runtime = {runtime!r} does not exist: choose {' or '.join(RUNTIMES)}")
+    if runtime not in (*RUNTIMES, "both"):
+        errors.print(f"runtime = {runtime!r} does not exist: choose {', '.join(RUNTIMES)} or both")
+        raise typer.Exit(code=2)
+    if platform and runtime == "python":
+        errors.print("platform is for runtime = native: the python runtime has all that it can run")
         raise typer.Exit(code=2)
     try:
         screen = ScreenConfig.default() if config is None else ScreenConfig.load(config)
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         with Progress(*columns, console=errors, transient=True) as progress:
             progress.add_task("building; the engine is compiled once per version")
-            path = build(screen, output)
+            chosen = RUNTIMES if runtime == "both" else (runtime,)
+            paths = [build(screen, output, one, platform or ()) for one in chosen]
     except (ConfigError, OSError, RuntimeError) as error:
         errors.print("\n".join([str(error), *getattr(error, "__notes__", ())]))
         raise typer.Exit(code=1) from None
-    print(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    print(summary(screen))
-    print("fmpy found no problem, two steps ran")
+    for path in paths:
+        print(f"{path} ({_size(path)}) for {', '.join(supported_platforms(str(path)))}")
+        print(summary(screen))
+        tried = "two steps ran" if runs_here(path) else "not run, no library for this machine"
+        print(f"fmpy found no problem, {tried}")
+
+
+def _size(path: Path) -> str:
+    size = path.stat().st_size
+    return f"{size / 1e6:.1f} MB" if size > 1e6 else f"{size / 1e3:.0f} kB"
 
 
 if __name__ == "__main__":

@@ -577,7 +577,7 @@ TOML_REFUSALS = {
     "text for a number": (
         EDGES + '[bed]\ncontact_depth_mm = "20"',
         (
-            "bed.contact_depth = '20' is not a number: give a number above 0 m up to 5 m "
+            "bed.contact_depth = '20' is not a number: give a number from 1e-09 m up to 5 m "
             "(contact_depth_mm in a TOML file)"
         ),
     ),
@@ -637,9 +637,9 @@ TOML_REFUSALS = {
     "too steep": (
         EDGES + "[[deck]]\n[[deck.panel]]\ninclination_deg = 27",
         (
-            "deck[1].panel[1].inclination = 0.471239 rad (27 deg, slope 0.5095) is not below the "
-            "friction at the base (material.friction_deck, friction_internal: 0.5), the bed would run "
-            'away: make it flatter, or use displacement.model = "bed" or "prescribed"'
+            "deck[1].panel[1].inclination = 0.471239 rad (27 deg, slope 0.5095) is too steep for "
+            "the friction at the base (0.5), a rigid body would run away: make the deck flatter or "
+            'use displacement.model = "bed" or "prescribed"'
         ),
     ),
     "unequal decks": (

@@ -53,6 +53,26 @@ def _tiny(model: str, *, plain: bool) -> list[float]:
     return json.loads(done.stdout)
 
 
+BLAS = """
+import sys
+from vibroscreen.kernels import jit
+print("scipy.linalg" in sys.modules)
+import numpy as np
+from numba import njit
+product = njit(lambda a, b: a @ b)
+one = np.array([[2.0, 1.0], [0.0, 3.0]])
+print(np.array_equal(product(one, one), one @ one), "scipy.linalg" in sys.modules)
+"""
+
+
+def test_kernels_load_no_linear_algebra_and_take_none_away() -> None:
+    """scipy is not imported for kernels; who compiles a matrix product of his own gets it."""
+    path = {**os.environ, "PYTHONPATH": str(ROOT / "engine")}
+    command = [sys.executable, "-W", "error", "-c", BLAS]
+    done = subprocess.run(command, env=path, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "True"]
+
+
 @pytest.mark.parametrize("model", ["exchange", "proportional"])
 def test_plain_python_gives_what_compiled_kernels_give(model: str) -> None:
     """A transient with a pile and a stop, once compiled and once as plain Python."""

@@ -16,7 +16,8 @@ from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
-from vibroscreen_fmu.ports import ENUMERATIONS, UNITS, Port, ports
+from vibroscreen_fmu.port import UNITS, Port
+from vibroscreen_fmu.ports import ENUMERATIONS, ports
 from vibroscreen_fmu.python_slave import configured
 
 EDGES = (0.0, 5 * MM, 10 * MM, 20 * MM)

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.errors import ConfigError, InputError, given, told
 from vibroscreen.fields import (
     Choice,
     Entry,
@@ -42,6 +42,7 @@ from vibroscreen.fields import (
 )
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.displacement import BED_CONSTANTS, bed_friction
+from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed, checked_fractions
@@ -299,10 +300,9 @@ class Deck:
         check_fields(self, "deck")
         for place, panel in enumerate(self.panels, start=1):
             if panel.aperture > self.length:
+                name = f"deck.panel[{place}].aperture"
                 raise ConfigError(
-                    f"deck.panel[{place}].aperture = {panel.aperture:.6g} m is larger than the "
-                    f"deck is long ({self.length:.6g} m): were millimetres meant? give "
-                    "aperture_mm or metres"
+                    told("short_deck", name=name, value=panel.aperture, limit=self.length)
                 )
 
     @property
@@ -408,12 +408,11 @@ class Passage:
             return self.velocity
         apertures, velocities = zip(*self.velocity_table, strict=True)
         if not apertures[0] <= aperture <= apertures[-1]:
+            least, most = apertures[0], apertures[-1]
             raise ConfigError(
-                f"aperture = {aperture:.6g} m is outside of passage.velocity_table "
-                f"({apertures[0]:.6g} m to {apertures[-1]:.6g} m): add rows to the table or give "
-                "passage.velocity"
+                told("off_table", name="aperture", value=aperture, limit=least, other_limit=most)
             )
-        return float(np.interp(aperture, apertures, velocities))
+        return float(between(np.array(apertures), np.array(velocities), aperture))
 
 
 @dataclass(frozen=True)
@@ -460,11 +459,11 @@ class Bed:
     """
 
     contact_depth: float = field(
-        default=20.0 * MM, metadata=number("contact_depth_mm", "m", MM, above=0.0, at_most=5.0)
+        default=20.0 * MM, metadata=number("contact_depth_mm", "m", MM, at_least=1e-9, at_most=5.0)
     )
     layer_depth: float = field(
         default=_AS_CONTACT_DEPTH,
-        metadata=number("layer_depth_mm", "m", MM, above=0.0, at_most=5.0, optional=True),
+        metadata=number("layer_depth_mm", "m", MM, at_least=1e-9, at_most=5.0, optional=True),
     )
     initial: str = field(
         default="empty", metadata=of(Choice("initial", lambda: ("empty", "steady")))
@@ -554,11 +553,8 @@ class ScreenConfig:
         self._complete_feed()
         for deck_place, deck in enumerate(self.decks, start=1):
             if not math.isclose(deck.length, self.decks[0].length, rel_tol=1e-9):
-                raise ConfigError(
-                    f"deck[{deck_place}] = {deck.length:.6g} m of panels differs from deck[1] "
-                    f"({self.decks[0].length:.6g} m): decks of one box are equally long, change "
-                    "the lengths of the panels"
-                )
+                name, first = f"deck[{deck_place}]", self.decks[0].length
+                raise ConfigError(told("unequal_decks", name=name, value=deck.length, limit=first))
             for place, panel in enumerate(deck.panels, start=1):
                 self._check_panel(f"deck[{deck_place}].panel[{place}]", panel)
 
@@ -651,10 +647,13 @@ class ScreenConfig:
         slope, friction = abs(math.tan(panel.inclination)), self.material.friction_base
         if self.displacement.model == "rigid_body" and slope >= friction:
             raise ConfigError(
-                f"{name}.inclination = {panel.inclination:.6g} rad "
-                f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is not below the friction "
-                f"at the base (material.friction_deck, friction_internal: {friction:.4g}), the bed "
-                'would run away: make it flatter, or use displacement.model = "bed" or "prescribed"'
+                told(
+                    "too_steep",
+                    given=given(f"{name}.inclination", panel.inclination, "rad"),
+                    degrees=panel.inclination / DEG,
+                    slope=slope,
+                    limit=friction,
+                )
             )
         if self.displacement.model == "bed":
             steepest = bed_friction(friction, BED_CONSTANTS[2])

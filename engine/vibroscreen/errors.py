@@ -6,7 +6,85 @@ A message names the variable, its value with the unit, what is wrong with it and
 
 from __future__ import annotations
 
-__all__ = ["ConfigError", "InputError"]
+from typing import Any
+
+__all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
+
+# What the runtimes of an FMU say, with and without Python: this table is all there is of it. In
+# braces stand names of texts, or of numbers with the digits that are shown. {given} is a name, its
+# value and its unit, {bound} a limit with that unit.
+TEXT = {
+    # of inputs and tunable parameters, when a step begins
+    "not_finite": "{given} is not a finite number: {cure}",
+    "too_small": "{given} is below the least that is possible, {bound}: {cure}",
+    "too_large": "{given} is above the most that is possible, {bound}: {cure}",
+    "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "
+    "fractions of all size classes",
+    "too_steep": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is too steep for the friction at "
+    "the base ({limit:.4g}), a rigid body would run away: make the deck flatter or use "
+    'displacement.model = "bed" or "prescribed"',
+    "no_velocity": "{name} = {number:.6g} gives a bed velocity of {value:.6g} m/s, which is not "
+    "finite: mend the displacement model",
+    "no_model": "{name} = {value:.6g} is a model that this screen was not built with: choose it in "
+    "the configuration",
+    "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",
+    # of numbers of a configuration, and of fixed parameters
+    "endless": "{given} is not finite: {cure}",
+    "not_above": "{given} is not larger than {bound}: {cure}",
+    "below": "{given} is smaller than {bound}: {cure}",
+    "not_below": "{given} is not smaller than {bound}: {cure}",
+    "above": "{given} is larger than {bound}: {cure}",
+    "no_choice": "{name} = {value:.6g} is none of the choices: give {cure}",
+    "two_limits": "{name} = {value:.6g} m differs from the limit of the class beside it "
+    "({limit:.6g} m): set both to the same",
+    "not_ascending": "{name} = {value:.6g} m is not larger than {other} = {limit:.6g} m: list the "
+    "limits in ascending order",
+    "short_deck": "{name} = {value:.6g} m is larger than the deck is long ({limit:.6g} m): were "
+    "millimetres meant? give aperture_mm or metres",
+    "unequal_decks": "{name} = {value:.6g} m of panels differs from deck[1] ({limit:.6g} m): decks "
+    "of one box are equally long, change the lengths of the panels",
+    "off_table": "{name} = {value:.6g} m is outside of passage.velocity_table ({limit:.6g} m to "
+    "{other_limit:.6g} m): add rows to the table or give passage.velocity",
+    "little_room": "solver.packages = {value:.6g} is too little room for the {limit:.6g} cells of "
+    "a deck: give at least {other_limit:.6g}, or 0 for the engine's choice",
+    # of calls of the interface
+    "no_variable": "value reference {value:.10g} is no variable of this FMU",
+    "other_type": "{name} is of type {kind}: use the functions of that",
+    "not_settable": "{name} is not an input or a parameter: it cannot be set",
+    "fixed": "{name} is a fixed parameter of a model that runs: set it before initialisation ends, "
+    "or reset the instance",
+    "no_step": "a step before initialisation has ended or after the end: initialise the instance "
+    "(after the end: reset it) and step then",
+    "started": "initialisation has ended before: reset the instance to start anew",
+    "no_state": "state = {value:.15g} bytes are no state of a {name}: give what one wrote",
+    "other_build": "state = {value:.15g} bytes are of another build of the FMU: give a state of "
+    "this one",
+    "broken_state": "state = {value:.15g} bytes, cut or changed on the way: give them as they were "
+    "written",
+    "too_long": "{name} got no arrays to read from or write to: give them with as many values",
+    "not_offered": "{name} is not offered: see the capabilities in modelDescription.xml",
+    "other_guid": "guid = {other} is not that of this library, {name}: unpack the FMU anew",
+    "no_instance": "{name} = {other} makes no instance: give a name and fmi2CoSimulation",
+    "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",
+    "failed": "the engine failed, code {value:.6g}: report it with the inputs of this step",
+    "state_size": "state = {value:.15g} bytes is not a state of this screen ({limit:.15g} bytes): "
+    "give one that the same configuration wrote",
+}
+
+
+def given(name: str, value: float, unit: str = "") -> str:
+    """A variable with its value and unit."""
+    return f"{name} = {with_unit(value, unit)}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number with its unit, "" or "1" for none."""
+    return f"{value:.6g} {unit}" if unit not in ("", "1") else f"{value:.6g}"
+
+
+def told(text: str, **values: Any) -> str:
+    """The text of that key with its values."""
+    return TEXT[text].format(**values)
 
 
 class ConfigError(ValueError):

@@ -23,7 +23,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
 
 T = TypeVar("T")
 Metadata = Mapping[str, "Entry"]
@@ -88,40 +88,43 @@ class Number(Entry):
         wanted = Integral if self.whole else Real
         if isinstance(value, bool) or not isinstance(value, wanted):
             kind = "a whole number" if self.whole else "a number"
-            raise self.error(f"{name} = {value!r} is not {kind}: {self._cure()}")
+            raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('')}")
         number = as_float(value)
+        about = {"given": given(name, number, self.unit)}
         if not math.isfinite(number):
-            raise self.error(f"{name} = {self.text(number)} is not finite: {self._cure()}")
-        low, high = self._broken(number)
-        if low:
-            raise self.error(f"{name} = {self.text(number)} {low}: {self._cure()}")
-        if high:
-            raise self.error(f"{name} = {self.text(number)} {high}: {self._cure(too_large=True)}")
+            raise self.error(told("endless", **about, cure=self.cure_of("endless")))
+        for text, limit in self.limits():
+            if breaks(text, number, limit):
+                bound = with_unit(limit, self.unit)
+                raise self.error(told(text, **about, bound=bound, cure=self.cure_of(text)))
         return int(number) if self.whole else number
+
+    def limits(self) -> Iterator[tuple[str, float]]:
+        """Limits in the order of their checks: what is told of a value that breaks one, the limit.
+
+        The keys of errors.TEXT say the relation; `breaks` tells whether a value does.
+        """
+        for text, limit in (
+            ("not_above", self.above),
+            ("below", self.at_least),
+            ("not_below", self.below),
+            ("above", self.at_most),
+        ):
+            if limit is not None:
+                yield text, limit
 
     def write(self, value: Any) -> Any:
         return value if self.whole or value is None else from_si(value, self.factor)
 
     def text(self, value: float) -> str:
         """A value with its unit."""
-        return f"{value:.6g}" if self.unit == "1" else f"{value:.6g} {self.unit}"
+        return with_unit(value, self.unit)
 
-    def _broken(self, value: float) -> tuple[str, str]:
-        low = high = ""
-        if self.above is not None and value <= self.above:
-            low = f"is not larger than {self.text(self.above)}"
-        if self.at_least is not None and value < self.at_least:
-            low = f"is smaller than {self.text(self.at_least)}"
-        if self.below is not None and value >= self.below:
-            high = f"is not smaller than {self.text(self.below)}"
-        if self.at_most is not None and value > self.at_most:
-            high = f"is larger than {self.text(self.at_most)}"
-        return low, high
-
-    def _cure(self, *, too_large: bool = False) -> str:
+    def cure_of(self, text: str) -> str:
+        """What to do about a value of which `text` (errors.TEXT) is told."""
         if self.cure:
             return self.cure
-        if too_large and self.unit in _CONFUSED:
+        if text in ("not_below", "above") and self.unit in _CONFUSED:
             return confused_units(self.unit, self.key)
         limits = [
             f"{words} {self.text(limit)}"
@@ -240,6 +243,15 @@ class Sections(Section):
 
     def write(self, value: Any) -> Any:
         return [write_table(v) for v in value]
+
+
+def breaks(text: str, value: float, limit: float) -> bool:
+    """Whether a value breaks a limit of that kind (`Number.limits`)."""
+    if text == "not_above":
+        return value <= limit
+    if text == "below":
+        return value < limit
+    return value >= limit if text == "not_below" else value > limit
 
 
 def of(entry: Entry) -> Metadata:

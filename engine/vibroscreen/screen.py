@@ -7,7 +7,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
-from vibroscreen.errors import ConfigError, InputError
+from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.classes import most_nodes
@@ -23,6 +22,7 @@ from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.step import PRESCRIBED
 from vibroscreen.motion import Motion
 from vibroscreen.size_classes import Nodes
@@ -36,11 +36,8 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
-# A package is never longer than this part of the deck, less where the tolerance asks for it: what
-# it averages along y is of second order in its length.
-LEAST_CELLS = 64
-MOST_CELLS = 512
 MOST_DECKS = 4
+SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of a computer
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 
@@ -108,6 +105,18 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
     ("panel", "aperture"): ("aperture", "m", ""),
     ("panel", "open_area"): ("open_area", "", "give the open part of the deck's area"),
     ("panel", "velocity_factor"): ("velocity_factor", "", "give a factor that is not negative"),
+}
+
+
+# What is told of what a kernel refused.
+TEXT_OF_CODE = {
+    lay.NOT_FINITE: "not_finite",
+    lay.TOO_SMALL: "too_small",
+    lay.TOO_LARGE: "too_large",
+    lay.BAD_SUM: "bad_sum",
+    lay.TOO_STEEP: "too_steep",
+    lay.NO_MODEL: "no_model",
+    lay.NO_VELOCITY: "no_velocity",
 }
 
 
@@ -197,11 +206,12 @@ class Screen:
         Raises InputError with the name, value and limit of the first input that is out of range;
         the state is as before then.
         """
-        if not (isinstance(duration, Real) and math.isfinite(duration) and duration > 0.0):
-            raise InputError(
-                f"dt = {duration!r} s is not a finite positive time: give a step in seconds", "dt"
-            )
-        _accept(run(self.buffer, ADVANCE, float(duration), 0.0), self.buffer, self.layout)
+        if not isinstance(duration, Real):
+            raise InputError(f"dt = {duration!r} is not a number: give a step in seconds", "dt")
+        seconds = float(duration)
+        if not SHORTEST_STEP <= seconds < math.inf:
+            raise InputError(told("no_time", value=seconds), "dt")
+        _accept(run(self.buffer, ADVANCE, seconds, 0.0), self.buffer, self.layout)
 
     @property
     def state(self) -> bytes:
@@ -213,11 +223,7 @@ class Screen:
         part = self.layout.persistent
         size = 8 * (part.stop - part.start)
         if len(blob) != size:
-            raise InputError(
-                f"state = {len(blob)} bytes is not a state of this screen ({size} bytes): "
-                "give one that the same configuration wrote",
-                "state",
-            )
+            raise InputError(told("state_size", value=len(blob), limit=size), "state")
         self.buffer[part] = np.frombuffer(blob)
 
     def read(self) -> None:
@@ -401,27 +407,12 @@ def check_supported(config: ScreenConfig) -> None:
             )
     room, cells = config.solver.packages, _cells(config)
     if 0 < room < cells + 4:
-        raise ConfigError(
-            f"solver.packages = {room} is too little room for the {cells} cells of a deck: "
-            f"give at least {cells + 4}, or 0 for the engine's choice"
-        )
+        raise ConfigError(told("little_room", value=room, limit=cells, other_limit=cells + 4))
 
 
 def _cells(config: ScreenConfig) -> int:
     """Cells of a deck: a package is never longer than one."""
-    cells = math.ceil(LEAST_CELLS * math.sqrt(1e-4 / config.solver.tolerance))
-    return min(MOST_CELLS, max(LEAST_CELLS, cells))
-
-
-def _cells_of_panels(deck: Deck, cells: int) -> list[int]:
-    """Cells on each panel of a deck: by its length, at least one."""
-    ends = np.cumsum([panel.length for panel in deck.panels]) * cells / deck.length
-    count = [0]
-    for k, end in enumerate(ends[:-1], start=1):
-        least, most = count[-1] + 1, cells - (len(deck.panels) - k)
-        count.append(min(most, max(least, round(float(end)))))
-    count.append(max(cells, count[-1] + 1))
-    return [stop - start for start, stop in pairwise(count)]
+    return int(cells_for(config.solver.tolerance, LEAST_CELLS))
 
 
 def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 1) -> Layout:
@@ -495,7 +486,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         count = len(deck.panels)
         layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
         layout.view(buffer, "panel_count")[d] = count
-        layout.view(buffer, "panel_cells")[d, :count] = _cells_of_panels(deck, _cells(config))
+        length = np.array([panel.length for panel in deck.panels])
+        share_cells(length, _cells(config), layout.view(buffer, "panel_cells")[d])
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))
@@ -580,41 +572,27 @@ def refusal_of(
         )
     if code == lay.NO_CONVEYING:
         return no_conveying(layout, buffer)
-    name, unit, cure = variable_name(layout, int(index))
-    given = f"{name} = {value:.6g} {unit}".rstrip()
-    bound = f"{limit:.6g} {unit}".rstrip()
     if code == lay.BAD_SUM:
-        return InputError(
-            f"feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:g}: "
-            "give the mass fractions of all size classes",
-            "feed.mass_fraction",
-        )
-    if code == lay.TOO_STEEP:
-        return InputError(
-            f"{given} ({value / DEG:.4g} deg, slope {math.tan(value):.4g}) is too steep for the "
-            f"friction at the base ({limit:.4g}), a rigid body would run away: make the deck "
-            'flatter or use displacement.model = "bed" or "prescribed"',
-            name,
-        )
-    if code == lay.NO_VELOCITY:
-        return InputError(
-            f"{name} = {layout.view(buffer, 'parameter')[lay.DISPLACEMENT_MODEL]:g} gives a bed "
-            f"velocity of {value:g} m/s, which is not finite: mend the displacement model",
-            name,
-        )
-    if code == lay.NO_MODEL:
-        return InputError(
-            f"{name} = {value:g} is a model that this screen was not built with: "
-            "choose it in the configuration",
-            name,
-        )
-    if code == lay.NOT_FINITE:
-        return InputError(f"{given} is not a finite number: {cure}", name)
-    side = "below" if code == lay.TOO_SMALL else "above"
-    limit_word = "least" if code == lay.TOO_SMALL else "most"
-    if limit_word == "least" and limit < 0.0 and abs(limit) < 1e-6:
-        bound = f"0 {unit}".rstrip()
-    return InputError(f"{given} is {side} the {limit_word} that is possible, {bound}: {cure}", name)
+        return InputError(told("bad_sum", value=value, limit=limit), "feed.mass_fraction")
+    name, unit, cure = variable_name(layout, int(index))
+    text = told(
+        TEXT_OF_CODE[int(code)],
+        name=name,
+        given=given(name, value, unit),
+        bound=with_unit(shown_limit(limit), unit),
+        cure=cure,
+        value=value,
+        limit=limit,
+        degrees=value / DEG,
+        slope=math.tan(value) if code == lay.TOO_STEEP else 0.0,
+        number=float(buffer[int(index)]),
+    )
+    return InputError(text, name)
+
+
+def shown_limit(limit: float) -> float:
+    """A limit as people are told it: without the room that round-off gets."""
+    return 0.0 if -1e-6 < limit < 0.0 else limit
 
 
 def no_conveying(layout: Layout, buffer: Array) -> InputError:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.errors import ConfigError
+from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import Number, Numbers, check_fields, number, of
 from vibroscreen.kernels.classes import (
     LEAST_PASSAGE,
@@ -75,9 +75,10 @@ class SizeClasses:
         check_fields(self, "size_classes")
         for k in range(1, len(self.edges)):
             if self.edges[k] <= self.edges[k - 1]:
+                name, other = f"size_classes.edges[{k + 1}]", f"edges[{k}]"
+                low, high = self.edges[k - 1 : k + 1]
                 raise ConfigError(
-                    f"size_classes.edges[{k + 1}] = {self.edges[k]:.6g} m is not larger than "
-                    f"edges[{k}] = {self.edges[k - 1]:.6g} m: list the limits in ascending order"
+                    told("not_ascending", name=name, value=high, other=other, limit=low)
                 )
 
     @property

@@ -9,14 +9,14 @@ from uuid import UUID
 from lxml import etree
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from vibroscreen_fmu.ports import ENUMERATIONS, UNITS, Port
+from vibroscreen_fmu.port import UNITS, Port
 
-__all__ = ["MODEL_NAME", "model_description"]
+__all__ = ["guid_of", "model_description"]
 
-MODEL_NAME = "VibratingScreen"
 # Ten minutes of operation in steps of a second: a circuit settles and shows its dynamics.
 STOP_TIME, STEP_SIZE = 600.0, 1.0
 # What the python runtime can do; what it cannot is false by default.
+PYTHON_RUNTIME = "vibroscreen with pythonfmu"
 CAPABILITIES = (
     "needsExecutionTool",
     "canHandleVariableCommunicationStepSize",
@@ -26,29 +26,38 @@ CAPABILITIES = (
 )
 
 
-def model_description(ports: Iterable[Port], description: str) -> bytes:
-    """The XML file; its GUID is a hash of all the rest, so that equal contracts have equal ones."""
+def model_description(
+    name: str, ports: Iterable[Port], description: str, tool: str = PYTHON_RUNTIME
+) -> bytes:
+    """The XML file of an FMU; only the python runtime needs more on its host than the file."""
     table = tuple(ports)
-    nameless = _xml(table, description, guid="")
-    guid = UUID(bytes=hashlib.sha256(nameless).digest()[:16])
-    return _xml(table, description, guid=f"{{{guid}}}")
+    return _xml(name, table, description, guid_of(name, table, description), tool)
 
 
-def _xml(ports: tuple[Port, ...], description: str, guid: str) -> bytes:
+def guid_of(name: str, ports: Iterable[Port], description: str) -> str:
+    """A hash of all the rest of the XML file but the runtime: equal contracts have equal ones."""
+    nameless = _xml(name, tuple(ports), description, "", PYTHON_RUNTIME)
+    return f"{{{UUID(bytes=hashlib.sha256(nameless).digest()[:16])}}}"
+
+
+def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str, tool: str) -> bytes:
     root = etree.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
-        modelName=MODEL_NAME,
+        modelName=name,
         guid=guid,
         description=description,
         license="MIT",
-        generationTool="vibroscreen with pythonfmu",
+        generationTool=tool,
         variableNamingConvention="structured",
     )
     flags = dict.fromkeys(CAPABILITIES, "true")
-    etree.SubElement(root, "CoSimulation", modelIdentifier=MODEL_NAME, **flags)
+    if tool != PYTHON_RUNTIME:
+        flags["needsExecutionTool"] = "false"
+    etree.SubElement(root, "CoSimulation", modelIdentifier=name, **flags)
     _add_units(etree.SubElement(root, "UnitDefinitions"), ports)
-    _add_types(etree.SubElement(root, "TypeDefinitions"))
+    if any(port.enumeration for port in ports):
+        _add_types(etree.SubElement(root, "TypeDefinitions"), ports)
     categories = etree.SubElement(root, "LogCategories")
     for name, text in Fmi2Slave.log_categories.items():
         etree.SubElement(categories, "Category", name=name, description=text)
@@ -84,10 +93,12 @@ def _add_units(parent: etree._Element, ports: tuple[Port, ...]) -> None:
                 etree.SubElement(element, "DisplayUnit", name=unit.display, factor=factor)
 
 
-def _add_types(parent: etree._Element) -> None:
-    for variable, enumeration in ENUMERATIONS.items():
+def _add_types(parent: etree._Element, ports: tuple[Port, ...]) -> None:
+    for port, enumeration in ((port, port.enumeration) for port in ports):
+        if enumeration is None:
+            continue
         kind = etree.SubElement(
-            parent, "SimpleType", name=enumeration.name, description=f"Choice of {variable}"
+            parent, "SimpleType", name=enumeration.name, description=f"Choice of {port.name}"
         )
         items = etree.SubElement(kind, "Enumeration")
         for value, (name, text) in enumerate(enumeration.items, 1):

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import llvmlite.binding
@@ -31,40 +31,108 @@ from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.screen import check_supported
 from vibroscreen.units import MM
-from vibroscreen_fmu.documentation import index_html, model_png
-from vibroscreen_fmu.model_description import MODEL_NAME, model_description
+from vibroscreen_fmu.documentation import index_html
+from vibroscreen_fmu.icons import model_png, terminal_files
+from vibroscreen_fmu.model_description import model_description
+from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.ports import ports
 from vibroscreen_fmu.python_slave import CONFIG_FILE
+from vibroscreen_fmu.reference import reference_files
 
-__all__ = ["Engine", "engine", "summary", "write_fmu"]
+__all__ = [
+    "Engine",
+    "Model",
+    "build_of",
+    "engine",
+    "model_files",
+    "screen_model",
+    "summary",
+    "write_fmu",
+    "write_model",
+    "write_zip",
+]
 
 Files = dict[str, bytes]
 
+MODEL_NAME = "VibratingScreen"
 SLAVE = "vibroscreen_fmu.python_slave"
-# What is vendored under one name, from the ground up. Kernels are apart, for they are compiled.
-KERNELS, ENGINE, ADAPTER = PARTS = ("vibroscreen.kernels", "vibroscreen", "vibroscreen_fmu")
-OUR_IMPORT = re.compile(
-    rb"^(\s*(?:from|import)\s+)(vibroscreen\.kernels|vibroscreen_fmu|vibroscreen)(?=[.\s])",
-    flags=re.MULTILINE,
+ABOUT = (
+    (
+        "",
+        (
+            "A vibrating screen: feed rate, feed composition and vibration go in at every "
+            "communication step, undersize and oversize come out. Inside, slices of the bed ride "
+            "along the decks; grains segregate in them and pass the openings (cell model of Ivanov "
+            "and Vaisberg).",
+            "Streams are means over the last communication step, size classes are numbered from "
+            "the finest, decks from the top, panels from the feed end. With several decks, "
+            "undersize is what falls through the lowest deck, oversize leaves over the top deck, "
+            "and intermediate[k] over deck k + 1. Outputs change only when a step or the "
+            "initialisation ends: no output depends on an input of the same instant, a loop over "
+            "the screen is no algebraic loop. Any step size works, also one longer than a grain "
+            "stays on the deck.",
+            "A state can be saved, kept in a file and set again, also in another process: the run "
+            "continues bit for bit. It belongs to the build that wrote it.",
+        ),
+    ),
+    (
+        "Limits",
+        (
+            "solver.tolerance bounds the numerical error of a recovery, not that of the model. "
+            "Transport by displacement.model = rigid_body is good to 5-8 % for linear motion and "
+            "wrong by factors for circular motion (against particle simulations): use prescribed "
+            "there. The start values of passage.velocity and segregation.velocity are assumptions, "
+            "not fitted to a plant. Screening is dry; the bed's velocity does not depend on its "
+            "depth.",
+        ),
+    ),
+    (
+        "Sources",
+        (
+            "Ivanov, Vaisberg: Screen separation: computational model building experience (cells, "
+            "passage, segregation). Gaudin; Pelevin (chance to pass). Blekhman: Vibrational "
+            "mechanics (transport of a rigid body). All equations with their sources are in "
+            "MODEL.md of vibroscreen.",
+        ),
+    ),
+    (
+        "Reference run",
+        (
+            "extra/org.fmi-standard.fmi-ls-ref holds inputs, outputs and options of a run: from "
+            "empty decks, with more feed after 200 s and a slower vibration after 400 s.",
+        ),
+    ),
 )
+STATUS = (
+    "pythonfmu, which runs the Python inside, knows one status for every refusal, fmi2Fatal; after "
+    "it the instance still works. Paths with characters outside of ASCII, # or + crash it."
+)
+LICENCE = "MIT. The licence of pythonfmu lies beside this page."
+# What is vendored under one name, from the ground up. Kernels are apart, for they are compiled.
+KERNELS, ENGINE, ADAPTER = "vibroscreen.kernels", "vibroscreen", "vibroscreen_fmu"
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # the first that a zip can say
 # Addresses of functions in the comments of a compiled kernel.
 ADDRESS = re.compile(rb"(?<= at 0x)[0-9a-f]+(?=>)")
 
 SCRIPT = '''"""The slave module: pythonfmu runs it by name, so the name is unique to this build."""
 
-from numba import config
+{imports}
+from {adapter}.row_slave import slave_class, take_reference
 
-# Compiled kernels lie beside their sources, whatever cache the host uses for its own.
-kept, config.CACHE_DIR = config.CACHE_DIR, ""
-from {package}.python_slave import slave_class, take_reference
-
-config.CACHE_DIR = kept
 # pythonfmu's library runs this text for every instance, and gives back a reference to the names in
 # it that it never took.
 take_reference(globals())
-{model} = slave_class("{model}", "{build}")
+{model} = slave_class({kind}, "{model}", "{build}")
+del {kind}  # the library looks through every class that has a name here
 '''
+IMPORTS = "from {module} import {kind}"
+COMPILED_IMPORTS = """from numba import config
+
+# Compiled kernels lie beside their sources, whatever cache the host uses for its own.
+kept, config.CACHE_DIR = config.CACHE_DIR, ""
+from {module} import {kind}
+
+config.CACHE_DIR = kept"""
 # Runs in a process of its own: puts compiled kernels beside their sources.
 COMPILE = """
 import sys
@@ -82,19 +150,28 @@ ENTRY = "entry.run-"
 class Engine:
     """What a slave imports, under its names in the FMU.
 
-    package: name in the FMU of every part, which ends in a hash of its sources; sources: by path
-    below the resources; requirements: what the sources import from others, as pip reads it.
+    package: name in the FMU of every part, which ends in a hash of its sources; module: that of
+    the slave; sources: by path below the resources; requirements: what the sources import from
+    others, as pip reads it.
     """
 
     package: Mapping[str, str]
+    module: str
     sources: Files
     requirements: tuple[str, ...]
+
+    @property
+    def has_kernels(self) -> bool:
+        """Whether anything is compiled: if not, the host needs no compiler."""
+        return KERNELS in self.package
 
     def compiled(self) -> Files:
         """Compiled kernels for this machine, as numba caches them beside their sources.
 
         Takes a minute or two the first time; the user's cache folder keeps them.
         """
+        if not self.has_kernels:
+            return {}
         host = (sys.version, numba.__version__, llvmlite.binding.get_host_cpu_name())
         features = llvmlite.binding.get_host_cpu_features().flatten()
         key = _hash(repr((self.package[KERNELS], *host, features)).encode())
@@ -125,26 +202,77 @@ class Engine:
         )
 
 
-def engine() -> Engine:
-    """What the slave imports, transitively."""
-    modules, foreign = _closure(SLAVE)
+@dataclass(frozen=True)
+class Model:
+    """What an FMU models, and the slave that does it.
+
+    name: of the model and its library; slave: the module and the class of it; description: one
+    line; about: chapters of the documentation, title and paragraphs; resources: what the slave
+    reads; extra: other files of the FMU, by path; picture: what tools show, PNG.
+    """
+
+    name: str
+    slave: tuple[str, str]
+    description: str
+    about: tuple[tuple[str, tuple[str, ...]], ...]
+    ports: tuple[Port, ...]
+    resources: Files
+    picture: bytes
+    extra: Files = field(default_factory=dict)
+
+
+def engine(slave: str = SLAVE) -> Engine:
+    """What the module of a slave imports, transitively."""
+    own = slave.partition(".")[0]
+    parts = tuple(dict.fromkeys((KERNELS, ENGINE, ADAPTER, own)))
+    modules, foreign = _closure(slave, parts)
     package: dict[str, str] = {}
     sources: Files = {}
-    for part in PARTS:
+    for part in parts:
         # Later parts import earlier ones: their names are part of the text that is hashed.
-        own = {
+        texts = {
             _place(name, path, part): _vendored(path.read_bytes(), package)
             for name, path in modules.items()
-            if _part_of(name) == part
+            if _part_of(name, parts) == part
         }
-        tag = _hash(*(piece for place in sorted(own) for piece in (place.encode(), own[place])))
+        if not texts:
+            continue
+        # What a package gives to its users by name is for people.
+        texts["__init__.py"] = b""
+        tag = _hash(*(piece for place in sorted(texts) for piece in (place.encode(), texts[place])))
         package[part] = f"{part.replace('.', '_')}_{tag}"
         within = {part: package[part]}
-        for place, source in own.items():
+        for place, source in texts.items():
             sources[f"{package[part]}/{place}"] = _vendored(source, within)
     # pythonfmu travels with the FMU. Of the others, what the FMU was built and tried with.
     needed = (f"{name}>={_release(name)}" for name in sorted(foreign - {"pythonfmu"}))
-    return Engine(package, sources, tuple(needed))
+    module = package[_part_of(slave, parts)] + slave.removeprefix(_part_of(slave, parts))
+    return Engine(package, module, sources, tuple(needed))
+
+
+def screen_model(config: ScreenConfig, *, built_in: bool = True) -> Model:
+    """A screen as a model; with built-in sub-models only, unless told otherwise.
+
+    Raises ConfigError for a configuration that an FMU cannot carry.
+    """
+    check_supported(config)
+    if built_in:
+        _check_built_in(config)
+    text = config.to_toml()
+    # What the slave will read, to the last digit.
+    read = ScreenConfig.loads(text)
+    table = ports(read)
+    picture = model_png()
+    return Model(
+        name=MODEL_NAME,
+        slave=(SLAVE, "ScreenSlave"),
+        description=summary(config),
+        about=ABOUT,
+        ports=table,
+        resources={CONFIG_FILE: text.encode()},
+        picture=picture,
+        extra=reference_files(MODEL_NAME, read, table),
+    )
 
 
 def write_fmu(config: ScreenConfig, folder: Path) -> Path:
@@ -152,38 +280,68 @@ def write_fmu(config: ScreenConfig, folder: Path) -> Path:
 
     Raises ConfigError for a configuration that an FMU cannot carry.
     """
-    check_supported(config)
-    _check_built_in(config)
-    parts = engine()
-    text = config.to_toml()
-    # What the slave will read, to the last digit.
-    table = ports(ScreenConfig.loads(text))
-    description = summary(config)
-    package = parts.package[ADAPTER]
-    build = _hash(package.encode(), text.encode())
-    module = f"{MODEL_NAME}_{build}"
+    return write_model(screen_model(config), folder)
+
+
+def write_model(model: Model, folder: Path) -> Path:
+    """Write the FMU of a model, `<name>.fmu`, into a folder."""
+    module, kind = model.slave
+    parts = engine(module)
+    build = build_of(model, parts)
+    script = f"{model.name}_{build}"
+    imports = COMPILED_IMPORTS if parts.has_kernels else IMPORTS
     resources = {
-        f"{module}.py": SCRIPT.format(package=package, model=MODEL_NAME, build=build).encode(),
-        "slavemodule.txt": module.encode(),
+        f"{script}.py": SCRIPT.format(
+            imports=imports.format(module=parts.module, kind=kind),
+            adapter=parts.package[ADAPTER],
+            kind=kind,
+            model=model.name,
+            build=build,
+        ).encode(),
+        "slavemodule.txt": script.encode(),
         "requirements.txt": "".join(f"{name}\n" for name in parts.requirements).encode(),
-        CONFIG_FILE: text.encode(),
+        **model.resources,
         **_pythonfmu_sources(),
         **parts.sources,
         **parts.compiled(),
     }
-    python = platform.python_version()
+    description = model_description(model.name, model.ports, model.description)
+    needs = ("What the host needs", (_needs(parts), STATUS))
     files = {
-        "modelDescription.xml": model_description(table, description),
-        "model.png": model_png(),
-        "documentation/index.html": index_html(description, table, parts.requirements, python),
+        **model_files(model, description, (needs,), LICENCE),
         "documentation/licenses/pythonfmu.txt": _pythonfmu_license(),
-        **_pythonfmu_binaries(),
+        **_pythonfmu_binaries(model.name),
         **{f"resources/{name}": content for name, content in resources.items()},
     }
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{MODEL_NAME}.fmu"
-    _write_zip(path, files)
+    path = folder / f"{model.name}.fmu"
+    write_zip(path, files)
     return path
+
+
+def build_of(model: Model, parts: Engine) -> str:
+    """Name of what a model is built from, sources and resources: its states belong to that."""
+    return _hash(parts.module.encode(), *(model.resources[key] for key in sorted(model.resources)))
+
+
+def model_files(
+    model: Model,
+    description: bytes,
+    needs: tuple[tuple[str, tuple[str, ...]], ...],
+    licence: str,
+) -> Files:
+    """Files of an FMU that are the same for both runtimes but for a few words.
+
+    description: modelDescription.xml; needs: chapters of the documentation on the runtime.
+    """
+    page = index_html(model.name, model.description, (*model.about, *needs), model.ports, licence)
+    return {
+        "modelDescription.xml": description,
+        "model.png": model.picture,
+        **terminal_files(model.ports, model.picture),
+        "documentation/index.html": page,
+        **model.extra,
+    }
 
 
 def summary(config: ScreenConfig) -> str:
@@ -206,14 +364,31 @@ def _check_built_in(config: ScreenConfig) -> None:
         built_in = BUILT_IN[name.partition(".")[0]]
         if value not in built_in:
             raise ConfigError(
-                f"{name} = {value!r} is a registered sub-model, an FMU carries built-in ones: "
-                f"choose one of {', '.join(built_in)}"
+                f"{name} = {value!r} is a registered sub-model, runtime = native carries it: build "
+                f"that, or choose one of {', '.join(built_in)}"
             )
 
 
+def _needs(parts: Engine) -> str:
+    """What the host of an FMU needs, for its documentation."""
+    packages = ", ".join(parts.requirements)
+    text = (
+        f"Python 3.11 or newer with {packages} (resources/requirements.txt); linux64 or win64. A "
+        "host that is not Python itself must find libpython."
+    )
+    if parts.has_kernels:
+        text += (
+            f" The kernels are compiled for Python {platform.python_version()} and the processor "
+            "of the machine that built the FMU; elsewhere the first instance compiles them, which "
+            "takes a minute or two."
+        )
+    return text
+
+
 # --- sources -------------------------------------------------------------------------------------
-def _closure(start: str) -> tuple[dict[str, Path], set[str]]:
+def _closure(start: str, parts: tuple[str, ...]) -> tuple[dict[str, Path], set[str]]:
     """Our modules that a module imports, transitively, with their files; packages of others."""
+    ours = {part.partition(".")[0] for part in parts}
     modules: dict[str, Path] = {}
     foreign: set[str] = set()
     waiting = [start]
@@ -222,12 +397,14 @@ def _closure(start: str) -> tuple[dict[str, Path], set[str]]:
         path = None if name in modules else _source(name)
         if path is None:
             continue
+        if path.name == "__init__.py":
+            continue
         modules[name] = path
         for imported in _imports(path):
             top = imported.partition(".")[0]
-            if top in (ENGINE, ADAPTER):
+            if top in ours:
                 steps = imported.split(".")
-                waiting += [".".join(steps[: k + 1]) for k in range(len(steps))]
+                waiting += [".".join(steps[: k + 1]) for k in range(1, len(steps))]
             elif top not in sys.stdlib_module_names:
                 foreign.add(top)
     return modules, foreign
@@ -251,26 +428,29 @@ def _imports(path: Path) -> Iterable[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def _part_of(module: str) -> str:
-    return next(part for part in PARTS if f"{module}.".startswith(f"{part}."))
+def _part_of(module: str, parts: tuple[str, ...]) -> str:
+    return next(part for part in parts if f"{module}.".startswith(f"{part}."))
 
 
 def _place(module: str, path: Path, part: str) -> str:
     """Path of a module's file below the package that its part becomes."""
-    below = module.removeprefix(part).strip(".").split(".") if module != part else []
-    if path.name == "__init__.py":
-        return "/".join([*below, path.name])
-    return "/".join(below) + ".py"
+    below = module.removeprefix(f"{part}.")
+    assert "." not in below, f"{path} lies in a package inside of {part}: list it as a part"
+    return f"{below}.py"
 
 
 def _vendored(source: bytes, package: Mapping[str, str]) -> bytes:
     """A source file that imports our packages by their names in the FMU, as far as given."""
+    if not package:
+        return source
+    # Longer names first: `vibroscreen.kernels` is not a module of `vibroscreen`.
+    names = "|".join(re.escape(name) for name in sorted(package, key=len, reverse=True))
+    statement = rf"^(\s*(?:from|import)\s+)({names})(?=[.\s])"
 
     def rename(found: re.Match[bytes]) -> bytes:
-        name = found[2].decode()
-        return found[1] + package.get(name, name).encode()
+        return found[1] + package[found[2].decode()].encode()
 
-    return OUR_IMPORT.sub(rename, source)
+    return re.sub(statement.encode(), rename, source, flags=re.MULTILINE)
 
 
 def _release(distribution: str) -> str:
@@ -288,10 +468,10 @@ def _pythonfmu_sources() -> Files:
     }
 
 
-def _pythonfmu_binaries() -> Files:
+def _pythonfmu_binaries(model: str) -> Files:
     folder = importlib.resources.files("pythonfmu") / "resources" / "binaries"
     return {
-        f"binaries/{system.name}/{MODEL_NAME}{Path(file.name).suffix}": file.read_bytes()
+        f"binaries/{system.name}/{model}{Path(file.name).suffix}": file.read_bytes()
         for system in folder.iterdir()
         for file in system.iterdir()
     }
@@ -341,7 +521,7 @@ def _read(folder: Path) -> Files:
     }
 
 
-def _write_zip(path: Path, files: Mapping[str, bytes]) -> None:
+def write_zip(path: Path, files: Mapping[str, bytes]) -> None:
     """A zip whose bytes follow from its contents alone; it appears whole or not at all."""
     unfinished = path.with_suffix(".part")
     with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:

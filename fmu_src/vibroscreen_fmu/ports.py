@@ -9,13 +9,14 @@ are skipped there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
+from vibroscreen.kernels import registry
 from vibroscreen.kernels.layout import (
     DECK_BED,
     DIMENSION,
@@ -29,44 +30,12 @@ from vibroscreen.kernels.layout import (
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
 from vibroscreen.screen import VARIABLE, fill, nodes_of
-from vibroscreen.units import DEG, KW, MM, RPM, T_H, T_M3, TONNE
+from vibroscreen_fmu.port import Enumeration, Port, Steps
 
-__all__ = ["ENUMERATIONS", "UNITS", "Enumeration", "Port", "Unit", "ports"]
+__all__ = ["ENUMERATIONS", "ports"]
 
-Steps = tuple[str | int, ...]
 Limits = tuple[float | None, float | None]
 Place = tuple[str, *tuple[int, ...]]
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit by its base units; how people at a plant see it: a name and its size in the unit."""
-
-    base: Mapping[str, int]
-    display: str | None = None
-    display_size: float = 1.0
-    nominal: float = 1.0
-
-
-UNITS = {
-    "1": Unit({}),
-    "kg/s": Unit({"kg": 1, "s": -1}, "t/h", T_H, nominal=100.0),
-    "kg": Unit({"kg": 1}, "t", TONNE, nominal=1000.0),
-    "m": Unit({"m": 1}, "mm", MM, nominal=0.01),
-    "m/s": Unit({"m": 1, "s": -1}, nominal=0.1),
-    "rad": Unit({"rad": 1}, "deg", DEG),
-    "Hz": Unit({"s": -1}, "1/min", RPM, nominal=10.0),
-    "kg/m3": Unit({"kg": 1, "m": -3}, "t/m3", T_M3, nominal=1000.0),
-    "W": Unit({"kg": 1, "m": 2, "s": -3}, "kW", KW, nominal=10_000.0),
-}
-
-
-@dataclass(frozen=True)
-class Enumeration:
-    """A choice: the name of its type, and its items (name, meaning), numbered from 1."""
-
-    name: str
-    items: tuple[tuple[str, str], ...]
 
 
 def _enumeration(name: str, items: tuple[str, ...], *meanings: str) -> Enumeration:
@@ -108,30 +77,6 @@ ENUMERATIONS = {
         "the decks are full of the feed given at the start",
     ),
 }
-
-
-@dataclass(frozen=True)
-class Port:
-    """An FMI variable.
-
-    reference: value reference, the place in the buffer from the first parameter on. kind: FMI type.
-    display: whether it is shown in the unit's display unit. least and most: limits, None where
-    there is none. start: None for what is calculated. path: where a parameter sits in ScreenConfig.
-    """
-
-    name: str
-    reference: int
-    description: str
-    causality: str
-    variability: str
-    kind: str
-    unit: str
-    display: bool
-    least: float | None
-    most: float | None
-    start: float | None
-    enumeration: Enumeration | None
-    path: Steps
 
 
 @dataclass(frozen=True)
@@ -364,7 +309,7 @@ def ports(config: ScreenConfig) -> tuple[Port, ...]:
     def port(row: _Row) -> Port:
         title, *index = row.place
         place = layout.offset[title] + int(np.ravel_multi_index(index, layout.shape[title]))
-        enumeration = ENUMERATIONS.get(row.name)
+        enumeration = _choices_of(row, float(buffer[place]))
         return Port(
             name=row.name,
             reference=place - first,
@@ -383,6 +328,15 @@ def ports(config: ScreenConfig) -> tuple[Port, ...]:
 
     rows = (*_parameters(config), *_inputs(config), *_outputs(config))
     return tuple(sorted(map(port, rows), key=lambda port: port.reference))
+
+
+def _choices_of(row: _Row, chosen: float) -> Enumeration | None:
+    """The choices of a variable: what is built in, and what a user registered up to `chosen`."""
+    built_in = ENUMERATIONS.get(row.name)
+    if built_in is None or chosen <= len(built_in.items):
+        return built_in
+    own = registry.names(row.name.partition(".")[0])[len(built_in.items) : int(chosen)]
+    return Enumeration(built_in.name, (*built_in.items, *((name, "one's own") for name in own)))
 
 
 def _parameters(config: ScreenConfig) -> Iterator[_Row]:
@@ -463,8 +417,8 @@ def _continuous(meaning: _Meaning) -> _Meaning:
     return _Meaning(meaning.description, "continuous", meaning.kind, meaning.display)
 
 
-def _limits(path: Steps) -> Limits:
-    """Limits that the configuration sets to the value at `path`."""
+def entry_at(path: Steps) -> Entry | None:
+    """What the configuration says of the value at a path."""
     kind: type = ScreenConfig
     entry: Entry | None = None
     for step in path:
@@ -472,8 +426,12 @@ def _limits(path: Steps) -> Limits:
             entry = entries(kind)[step]
             if isinstance(entry, Section):
                 kind = entry.kind
-    if isinstance(entry, Numbers):
-        entry = entry.item
+    return entry.item if isinstance(entry, Numbers) else entry
+
+
+def _limits(path: Steps) -> Limits:
+    """Limits that the configuration sets to the value at `path`."""
+    entry = entry_at(path)
     if not isinstance(entry, Number):
         return _NO_LIMITS
     least = entry.at_least if entry.at_least is not None else entry.above

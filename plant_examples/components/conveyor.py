@@ -39,6 +39,15 @@ class Conveyor:
         """Mass on the belt by size class, kg."""
         return np.sum([mass for _, mass in self._parcels], axis=0) if self._parcels else self._none
 
+    @property
+    def parcels(self) -> Array:
+        """What lies on the belt, head first: a row (time s, mass by class kg) for every parcel."""
+        return np.array([(time, *mass) for time, mass in self._parcels])
+
+    @parcels.setter
+    def parcels(self, rows: Array) -> None:
+        self._parcels = deque((float(row[0]), row[1:].copy()) for row in rows)
+
     def load(self, stream: Array, step: float) -> None:
         """Put a stream (kg/s by class) on the tail for `step` seconds."""
         if stream.shape != self._none.shape:

@@ -10,6 +10,7 @@ Tables, with ratios:
   cost over the number of classes, layers and packages, with fitted slopes of log over log;
   every skip on and off in a scene where it matters, with its counter;
   the same step through the engine's door, the Python object, and the FMU (raw and by fmpy);
+  the native runtime, driven by a program in C: an instance, a step, a day of plant time;
   targets, met or not.
 
 Times are medians of processor time of this thread; what is compared takes turns. Writes
@@ -25,6 +26,7 @@ import json
 import platform
 import shutil
 import statistics
+import struct
 import sys
 import tempfile
 import time
@@ -45,6 +47,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from build_fmu import build
+from tests import native
 from tests.benchmarks.work_precision import quarry_screen, refined
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import (
@@ -80,7 +83,15 @@ TARGET = {
     "steady_1e-3_ms": 0.1,
     "steady_1e-5_ms": 1.0,
     "slope": 1.05,
+    "edge_us": 10.0,
+    "native_start_ms": 2.0,
+    "native_edge_us": 3.0,
+    "native_steady_day_s": 1.0,
+    "native_restless_day_s": 20.0,
 }
+DAY = 86_400  # s, and as many steps
+RESTLESS = 0.05  # of the feed: what it wanders by, with a memory of a minute
+FORTY = 40  # values set and got at the edge of the FMU
 
 
 @dataclass(frozen=True)
@@ -93,6 +104,7 @@ class Effort:
     classes: tuple[int, ...] = (5, 10, 20, 35, 50, 75, 100, 140, 200)
     layers: tuple[int, ...] = (1, 2, 3, 5, 8, 12, 20, 35, 60, 100)
     cells: tuple[int, ...] = (64, 96, 128, 192, 256, 384, 512)
+    day: int = DAY
 
 
 QUICK = Effort(
@@ -102,6 +114,7 @@ QUICK = Effort(
     classes=(5, 20, 60),
     layers=(2, 8, 24),
     cells=(64, 128, 256),
+    day=500,
 )
 
 
@@ -649,6 +662,74 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
     return found
 
 
+def edge_cost(effort: Effort) -> dict[str, float]:
+    """Cost of 40 values set, a steady step and 40 values got by C calls, and of the bare step, us.
+
+    A screen of 34 classes has 40 inputs; a master gives them in the order of their references.
+    """
+    edges = (0.0, *(np.geomspace(0.5, 75.0, 34) * MM).tolist())
+    feed = Feed(ScreenConfig.default().feed.mass_flow_rate, typical_fractions(edges))
+    config = ScreenConfig(SizeClasses(edges), feed=feed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = build(config, Path(folder))
+        variables = read_model_description(str(path)).modelVariables
+        inputs = [v for v in variables if v.causality == "input"]
+        outputs = [v for v in variables if v.causality == "output" and v.type == "Real"]
+        assert len(inputs) == FORTY
+        engine = Scene(config).run_in()
+        with instances(path, 1) as (slaves, _, _):
+            raw = RawFmu(
+                slaves[0],
+                sorted(v.valueReference for v in inputs),
+                sorted(v.valueReference for v in outputs)[:FORTY],
+            )
+            for place, v in enumerate(sorted(inputs, key=lambda v: v.valueReference)):
+                raw.given[place] = float(v.start)
+            for _ in range(60):
+                raw.step()
+            timed = [Timed(engine.advance, batch=STEADY_BATCH), Timed(raw.step, batch=STEADY_BATCH)]
+            bare, whole = in_turns(timed, effort.repeat)
+    return {"engine": bare, "FMU, C calls": whole, "more": whole - bare}
+
+
+def native_cost(effort: Effort) -> dict[str, float]:
+    """Cost of the native runtime, driven by a program in C (tests/replay.c), processor time.
+
+    An instance with its first step [ms], a steady step with 40 values set and 40 got [us], and a
+    day in steps of 1 s [s]: under a steady feed, and under one that wanders.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = build(ScreenConfig.default(), Path(folder), "native")
+        description = read_model_description(str(path))
+        variables = description.modelVariables
+        feed = next(v for v in variables if v.name == "feed.mass_flow_rate")
+        real = [v for v in variables if v.type == "Real"]
+        settable = [v for v in real if v.variability == "tunable" or v.causality == "input"]
+        given = {v.valueReference: float(v.start) for v in (feed, *settable)}
+        # Fewer than forty: the rest are the same ones again.
+        names, values = ((list(row) * FORTY)[:FORTY] for row in (given, given.values()))
+        outputs = [v.valueReference for v in real if v.causality == "output"][:FORTY]
+        begun = ("X",)
+        runs: dict[str, list[native.Call]] = {
+            "start, ms": [("m", effort.repeat)],
+            "40 and 40, us": [
+                begun,
+                ("M", 100, names, values, outputs, 0.0),
+                ("M", effort.repeat * STEADY_BATCH, names, values, outputs, 0.0),
+            ],
+            "steady day, s": [begun, ("M", effort.day, names, values, outputs, 0.0)],
+            "restless day, s": [begun, ("M", effort.day, names[:1], values[:1], outputs, RESTLESS)],
+        }
+        scale = (1e-3, 1.0, 1e-6 * DAY, 1e-6 * DAY)
+        program = native.compiled(native.REPLAY, Path(folder, "replay"))
+        library = native.unzipped_library(path, Path(folder, "unzipped"))
+        found = {}
+        for (name, calls), factor in zip(runs.items(), scale, strict=True):
+            answer = native.replayed([program], library, calls, description.guid, Path(folder))
+            found[name] = factor * struct.unpack("<d", answer[-8:])[0]
+    return found
+
+
 # --- targets -----------------------------------------------------------------------------------
 def targets(result: Row) -> list[Row]:
     """What is wanted, what was measured, whether that is met."""
@@ -669,6 +750,13 @@ def targets(result: Row) -> list[Row]:
             rows.append((f"20 classes, steady to {level:.0e}, ms", min(reached) / 1e3, name))
     for row in result["growth"]:
         rows.append((f"slope of cost, {row['title']}", row["slope_upper_half"], "slope"))
+    if result["edge"]:
+        rows.append(
+            ("40 set, 40 got by C calls over the engine, us", result["edge"]["more"], "edge_us")
+        )
+    names = ("native_start_ms", "native_edge_us", "native_steady_day_s", "native_restless_day_s")
+    for (what, value), name in zip(result["native"].items(), names, strict=False):
+        rows.append((f"native, {what}", value, name))
     return [
         {"what": what, "value": value, "target": TARGET[name], "met": value <= TARGET[name]}
         for what, value, name in rows
@@ -716,6 +804,12 @@ def print_report(result: Row) -> None:
         for name, costs in result["ways"].items():
             still = costs["steady scene"]
             print(f"{name:<30}{still:>12.1f}{still - bare:>8.1f}{costs['frequency']:>15.1f}")
+    if result["edge"]:
+        told = ", ".join(f"{name} {cost:.1f}" for name, cost in result["edge"].items())
+        print(f"34 classes, 40 values set, steady step, 40 values got, us: {told}")
+    if result["native"]:
+        told = ", ".join(f"{name} {cost:.3g}" for name, cost in result["native"].items())
+        print(f"native runtime, by a program in C: {told}")
     print(f"\n{'target':<46}{'measured':>12}{'target':>10}")
     for row in result["targets"]:
         met = "met" if row["met"] else "MISSED"
@@ -809,6 +903,8 @@ def main(
         "growth": [],
         "skips": [],
         "ways": {},
+        "edge": {},
+        "native": {},
     }
     tasks: list[tuple[str, Callable[[], object]]] = []
     for name, config in kinds.items():
@@ -839,6 +935,8 @@ def main(
         )
     if fmu:
         tasks.append(("ways in", lambda: result["ways"].update(way_costs(effort))))
+        tasks.append(("40 and 40", lambda: result["edge"].update(edge_cost(effort))))
+        tasks.append(("native", lambda: result["native"].update(native_cost(effort))))
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         whole = progress.add_task("", total=len(tasks))

@@ -28,9 +28,10 @@ tolerances.
 
 from __future__ import annotations
 
-from math import cos, exp, sqrt
+from math import sqrt
 
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.elementary import cos, exp, raised
+from vibroscreen.kernels.jit import formula, kernel
 from vibroscreen.kernels.layout import (
     BULK_DENSITY,
     CONTACT_DEPTH,
@@ -90,7 +91,7 @@ def quadrature_error(nodes, near, width, most):
         k = 2.0 * order / (near * near)
     z = k * width * width
     factor *= 12.0 * nodes / (2.0 * nodes + 1.0) * exp(-0.5 * k * near * near)
-    return factor * (z / (1.0 + z / (3.0 * nodes))) ** order
+    return factor * raised(z / (1.0 + z / (3.0 * nodes)), order)
 
 
 @kernel
@@ -138,11 +139,11 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
             coefficient, power = SORTED_KINK, 0.5
     elif model != WELL_MIXED:
         least = 2
-    need = (high - low) / scale * (coefficient / tolerance) ** power
+    need = (high - low) / scale * raised(coefficient / tolerance, power)
     return min(MOST_NODES, max(least, int(need) + 1))
 
 
-@kernel
+@formula
 def most_nodes(classes, apertures, subdivision):
     """Room that `build_nodes` may need for so many classes and apertures."""
     return (classes + apertures) * max(MOST_NODES, int(subdivision))

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 
+from vibroscreen.kernels.elementary import cos, sin, sine_cosine, tan
 from vibroscreen.kernels.jit import kernel, view1, view2
 
 GRAVITY = 9.81
@@ -108,17 +109,17 @@ def compose_motion(motion, extra, rotation, harmonic):
     amplitude = motion[1]
     throw_angle = motion[2] + rotation
     harmonic[0, 0] = 1.0
-    harmonic[0, 1] = -amplitude * motion[3] * math.sin(throw_angle)
-    harmonic[0, 2] = amplitude * math.cos(throw_angle)
-    harmonic[0, 3] = amplitude * motion[3] * math.cos(throw_angle)
-    harmonic[0, 4] = amplitude * math.sin(throw_angle)
-    turn_cos = math.cos(rotation)
-    turn_sin = math.sin(rotation)
+    harmonic[0, 1] = -amplitude * motion[3] * sin(throw_angle)
+    harmonic[0, 2] = amplitude * cos(throw_angle)
+    harmonic[0, 3] = amplitude * motion[3] * cos(throw_angle)
+    harmonic[0, 4] = amplitude * sin(throw_angle)
+    turn_cos = cos(rotation)
+    turn_sin = sin(rotation)
     for k in range(ROWS - 1):
-        along_cos = extra[k, 1] * math.cos(extra[k, 2])
-        along_sin = -extra[k, 1] * math.sin(extra[k, 2])
-        normal_cos = extra[k, 3] * math.cos(extra[k, 4])
-        normal_sin = -extra[k, 3] * math.sin(extra[k, 4])
+        along_cos = extra[k, 1] * cos(extra[k, 2])
+        along_sin = -extra[k, 1] * sin(extra[k, 2])
+        normal_cos = extra[k, 3] * cos(extra[k, 4])
+        normal_sin = -extra[k, 3] * sin(extra[k, 4])
         harmonic[k + 1, 0] = extra[k, 0]
         harmonic[k + 1, 1] = along_cos * turn_cos - normal_cos * turn_sin
         harmonic[k + 1, 2] = along_sin * turn_cos - normal_sin * turn_sin
@@ -133,8 +134,7 @@ def _wave_at(wave, phase, derivative):
     normal = 0.0
     along_rate = 0.0
     normal_rate = 0.0
-    first_cosine = math.cos(phase)
-    first_sine = math.sin(phase)
+    first_sine, first_cosine = sine_cosine(phase)
     for k in range(ROWS):
         order = wave[k, 0]
         if order == 0.0:
@@ -640,7 +640,7 @@ def _set_motion(harmonic, drive, result, work):
     for k in range(7):
         result[k] = 0.0
     speed = 2.0 * math.pi * drive[0]
-    weight = GRAVITY * math.cos(drive[1])
+    weight = GRAVITY * cos(drive[1])
     work[ORDER] = 0.0
     if not (drive[0] > 1e-9 and weight > 0.0):
         return False
@@ -697,9 +697,9 @@ def rigid_body(harmonic, drive, result, work):
     if not _set_motion(harmonic, drive, result, work):
         return
     speed = 2.0 * math.pi * drive[0]
-    weight = GRAVITY * math.cos(drive[1])
+    weight = GRAVITY * cos(drive[1])
     throw = result[5]
-    slope = math.tan(drive[1])
+    slope = tan(drive[1])
     if not abs(slope) < drive[2]:
         result[6] = 1.0
         return
@@ -870,9 +870,9 @@ def solve_bed(harmonic, drive, result, work):
     if not _set_motion(harmonic, drive, result, work):
         return
     throw = result[5]
-    weight = GRAVITY * math.cos(drive[1])
+    weight = GRAVITY * cos(drive[1])
     velocity_unit = weight / (2.0 * math.pi * drive[0])
-    slope = math.tan(drive[1])
+    slope = tan(drive[1])
     landing = work[CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
     grip = bed_friction(drive[2], work[CONSTANT + 2])
     drag = work[CONSTANT + 3] * velocity_unit

@@ -6,13 +6,37 @@ With NUMBA_DISABLE_JIT=1 everything here falls back to plain Python of the same 
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, config, njit, types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
+from numba.np import linalg
+
+
+def _load_arrays_without_scipy() -> None:
+    """Load what numba knows of arrays, without the BLAS that it looks for there.
+
+    Kernels use none, and scipy, where it is installed, takes longer to import than the kernels to
+    load. Who needs BLAS is given it when it is used.
+    """
+    if "numba.np.arraymath" in sys.modules or find_spec("scipy") is None:
+        return
+    kept = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = kept
+
+
+_load_arrays_without_scipy()
 
 
 def _source_stamp() -> str:
@@ -74,6 +98,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     return njit(inline="always", error_model="numpy", _nrt=False)(function)
 
 
+def formula(function: Callable[..., Any]) -> Any:
+    """A formula that Python runs as it stands and kernels compile into themselves.
+
+    For what Python needs before there is a buffer: nothing is compiled or loaded for it.
+    """
+    return register_jitable(error_model="numpy", _nrt=False)(function)
+
+
 def is_ready(dispatcher: Any) -> bool:
     """Whether a kernel runs at once: compiled in this process or kept by an earlier one."""
     return (
@@ -104,6 +136,11 @@ def address_of(function: Callable[..., None], signature: Any) -> int:
     return int(compiled.address)
 
 
+def compiled_at(address: int) -> Any:
+    """The compiled sub-model whose code lies at an address that `address_of` gave."""
+    return _registered[address][1]
+
+
 if config.DISABLE_JIT:
 
     def view1(buffer, offset, size):
@@ -117,7 +154,28 @@ if config.DISABLE_JIT:
 
     call_segregation = call_displacement = call_passage
 
+    def bits_of(number):
+        return int(np.float64(number).view(np.int64))
+
+    def number_of(bits):
+        return float(np.int64(bits).view(np.float64))
+
 else:
+
+    def _cast(source: Any, target: Any) -> Any:
+        """Intrinsic that takes the bits of one type for another."""
+
+        @intrinsic
+        def cast(_context, _value):
+            def generate(context, builder, _signature, arguments):
+                return builder.bitcast(arguments[0], context.get_value_type(target))
+
+            return target(source), generate
+
+        return cast
+
+    bits_of = _cast(types.float64, types.int64)
+    number_of = _cast(types.int64, types.float64)
 
     @intrinsic
     def _pointer(_context, buffer, offset):

@@ -14,10 +14,11 @@ step (and order); steps end at the moments at which a layer runs out or is fille
 
 from __future__ import annotations
 
-from math import ceil, cosh, log, sinh
+from math import ceil, sqrt
 
 import numpy as np
 
+from vibroscreen.kernels.elementary import cosh, log, raised, sinh
 from vibroscreen.kernels.jit import inlined, kernel, view1, view2, viewing
 from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
@@ -911,7 +912,7 @@ def chebyshev_stage(buffer, near, far, mu, nu, rate_now, rate_first, size):
 @kernel
 def stages_for(spread):
     """Stages of the stabilised scheme that are stable up to `spread` = h times fastest rate."""
-    return max(2, 1 + int((1.0 + 1.54 * spread) ** 0.5))
+    return max(2, 1 + int(sqrt(1.0 + 1.54 * spread)))
 
 
 @inlined
@@ -920,7 +921,7 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
     size = (layers + 1) * int(buffer[N_ACTIVE])
     w0 = 1.0 + DAMPING / (stages * stages)
     # T_s, T_s' and T_s'' at w0
-    root = (w0 * w0 - 1.0) ** 0.5
+    root = sqrt(w0 * w0 - 1.0)
     angle = stages * log(w0 + root)
     w1 = (sinh(angle) * (w0 * w0 - 1.0)) / (cosh(angle) * stages * root - w0 * sinh(angle))
     b2 = 1.0 / (4.0 * w0 * w0)
@@ -1191,7 +1192,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
         if k == 0:
             continue
         error = max(step_error(buffer, rows) / allowed, 1e-30)
-        fit = h * min(6.0, max(0.1, 0.9 * (0.5 / error) ** (1.0 / used)))
+        fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
         cost = trial_cost(used) / fit
         if error <= 1.0:
             book[D_ORDER], book[D_STEP] = used, fit
@@ -1201,8 +1202,8 @@ def try_implicit(buffer, scene, layers, h, moment, book):
                 book[D_ORDER], book[D_STEP] = used + 1, trial_cost(used + 1) / cost
             return used
         gain = min(1.0, error / last) if k > 1 else 0.1
-        expected = error * gain ** (target - used)
-        book[D_STEP] = h * min(0.6, max(0.1, 0.9 * (0.5 / expected) ** (1.0 / target)))
+        expected = error * raised(gain, target - used)
+        book[D_STEP] = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
         if k > 1 and expected * gain > 4.0:
             break
         last, last_cost, last_fit = error, cost, fit
@@ -1240,7 +1241,7 @@ def time_to_pass(mass, rate, slope):
     root = rate * rate + 2.0 * slope * mass
     if rate <= 0.0 or root <= 0.0:
         return -1.0
-    return 2.0 * mass / (rate + root**0.5)
+    return 2.0 * mass / (rate + sqrt(root))
 
 
 @kernel
@@ -1449,7 +1450,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
     mass = layer_mass(load, layers - 1)
     margin = margins(buffer)
-    gain = (ERROR_STABILISED / ERROR_POSITIVE * margin[POSITIVE] / margin[STABILISED]) ** 0.5
+    gain = sqrt(ERROR_STABILISED / ERROR_POSITIVE * margin[POSITIVE] / margin[STABILISED])
     scheme, h = choose_scheme(buffer, book, fastest, left, gain)
     cut = 0.0 < kink < h
     if cut:
@@ -1464,8 +1465,8 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             error = positive_step(buffer, scene, layers, h, moment) / allowed
         else:
             error = pair_step(buffer, scene, layers, h, moment) / allowed
-        power = -0.25 if scheme == PAIR else -0.5
-        fit = h * min(5.0, max(0.2, 0.85 * max(error, 1e-10) ** power))
+        root = sqrt(max(error, 1e-10))
+        fit = h * min(5.0, max(0.2, 0.85 / (sqrt(root) if scheme == PAIR else root)))
         if error > 1.0 and h > shortest:
             counter[C_COLUMN_REJECTED] += 1
             h = min(fit, 0.9 * h)
@@ -1493,7 +1494,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
         elif scheme == POSITIVE:
             integrate_positive(buffer, h, size)
             # Not bounded as its own next step is, which stability limits.
-            fit = h / gain * min(MOST_WIDER, 0.85 * max(error, 1e-10) ** -0.5)
+            fit = h / gain * min(MOST_WIDER, 0.85 / sqrt(max(error, 1e-10)))
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_POSITIVE_STEPS] += 1
         else:
@@ -1501,7 +1502,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
             error = max(error / allowed, 1e-10)
-            book[D_WIDE] = h * min(MOST_WIDER, 0.85 * error**-0.5)
+            book[D_WIDE] = h * min(MOST_WIDER, 0.85 / sqrt(error))
             counter[C_PAIR_STEPS] += 1
         return h, scheme != POSITIVE
 

@@ -6,7 +6,7 @@ changed and that the field `refusal` says what was wrong. Python enters by kerne
 
 from __future__ import annotations
 
-from math import isfinite, pi, sin
+from math import isfinite, pi
 
 from vibroscreen.kernels.cascade import advance_decks, all_covered
 from vibroscreen.kernels.classes import merge_classes, split_classes
@@ -31,6 +31,7 @@ from vibroscreen.kernels.displacement import (
     prescribed,
     rigid_body,
 )
+from vibroscreen.kernels.elementary import sin
 from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2, viewing
 from vibroscreen.kernels.layout import (
     ACCEPTED,

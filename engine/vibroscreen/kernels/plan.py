@@ -1,0 +1,99 @@
+"""What must be known of a screen before its state is laid out: cells, nodes, passage by panel.
+
+Python uses the formulas one by one, the library without Python calls `plan`.
+"""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+
+from vibroscreen.kernels.jit import formula, kernel
+from vibroscreen.kernels.layout import (
+    APERTURE,
+    AT_PANEL_CELLS,
+    AT_PARAMETER,
+    AT_PASSAGE_FACTOR,
+    LENGTH,
+    N_CELLS,
+    N_DECKS,
+    N_PANELS,
+    PARAMETER,
+    PASSAGE_VELOCITY,
+    TOLERANCE,
+    panel_vector,
+    scalars,
+    vector,
+)
+from vibroscreen.kernels.place import panel_count
+from vibroscreen.kernels.steady import place_nodes
+
+# A package is never longer than this part of the deck, less where the tolerance asks for it: what
+# it averages along y is of second order in its length.
+LEAST_CELLS = 64
+MOST_CELLS = 512
+
+
+@formula
+def cells_for(tolerance, least):
+    """Cells of a deck: a package is never longer than one."""
+    cells = int(ceil(least * sqrt(1e-4 / tolerance)))
+    return min(MOST_CELLS, max(least, cells))
+
+
+@formula
+def share_cells(length, cells, share):
+    """Cells on each panel of a deck: by its length [m], at least one."""
+    whole = 0.0
+    for k in range(length.size):
+        whole += length[k]
+    end, taken = 0.0, 0
+    for k in range(length.size):
+        end += length[k]
+        left = length.size - 1 - k
+        wanted = int(end * cells / whole + 0.5) if left > 0 else cells
+        stop = max(taken + 1, min(cells - left, max(taken + 1, wanted)))
+        share[k] = stop - taken
+        taken = stop
+
+
+@formula
+def between(at, value, x):
+    """Linear interpolation of value over at, ascending; x lies between the first and the last."""
+    last = at.size - 1
+    if x >= at[last]:
+        return value[last]
+    k = 0
+    while x >= at[k + 1]:
+        k += 1
+    return (value[k + 1] - value[k]) / (at[k + 1] - at[k]) * (x - at[k]) + value[k]
+
+
+@kernel
+def plan(buffer, aperture, velocity):
+    """Fill in what follows from parameters, feed and edges in a buffer with room for one slice.
+
+    aperture and velocity: rows of the table of passage velocities, or none. Writes the number of
+    cells and of nodes, cells and passage factors of the panels, and the nodes.
+    """
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    cells = cells_for(parameter[TOLERANCE], LEAST_CELLS)
+    buffer[N_CELLS] = cells
+    if aperture.size > 0:
+        first = between(aperture, velocity, panel_vector(buffer, 0, 0)[APERTURE])
+        parameter[PASSAGE_VELOCITY] = first
+    for deck in range(int(buffer[N_DECKS])):
+        share = vector(buffer, AT_PANEL_CELLS, int(buffer[N_PANELS]), deck)
+        factor = vector(buffer, AT_PASSAGE_FACTOR, int(buffer[N_PANELS]), deck)
+        panels = panel_count(buffer, deck)
+        # The lengths lie apart from each other: in a row for a moment.
+        for k in range(panels):
+            panel = panel_vector(buffer, deck, k)
+            factor[k] = panel[LENGTH]
+        share_cells(factor[:panels], cells, share)
+        for k in range(panels):
+            factor[k] = 1.0
+            if aperture.size > 0 and first != 0.0:
+                factor[k] = (
+                    between(aperture, velocity, panel_vector(buffer, deck, k)[APERTURE]) / first
+                )
+    place_nodes(buffer)

@@ -1,0 +1,1 @@
+"""The native runtime: kernels compiled ahead of time behind the functions of FMI 2.0."""
