@@ -12,6 +12,7 @@ import functools
 import os
 import struct
 import sys
+import threading
 import zlib
 from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -54,12 +55,16 @@ class _Last(NamedTuple):
 def refusing(
     hook: Callable[Concatenate[Kind, Arguments], Result],
 ) -> Callable[Concatenate[Kind, Arguments], Result]:
-    """A hook that logs what it raises, and an instance that outlives it."""
+    """A hook that logs what it raises, and an instance that outlives it.
+
+    Kernels run while others of the process do: a caller that sets what is being stepped waits.
+    """
 
     @functools.wraps(hook)
     def guarded(self: Kind, /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         try:
-            return hook(self, *arguments, **named)
+            with self.one_at_a_time:
+                return hook(self, *arguments, **named)
         except Exception as error:
             raise self.refusal(error) from error
 
@@ -80,6 +85,7 @@ class RowSlave(Fmi2Slave):
 
     def __init__(self, ports: Iterable[Port], **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.one_at_a_time = threading.Lock()
         self._ports = {port.reference: port for port in ports}
         self._remembered: dict[tuple[Any, ...], Places] = {}
         self._forget()
