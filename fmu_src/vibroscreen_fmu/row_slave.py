@@ -39,9 +39,16 @@ _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
 _READ_AS_REAL = (*_REAL, *_INTEGER, *_BOOLEAN)
 # Lists of value references whose places are remembered. Masters use a few, over and over.
 _MOST_REMEMBERED = 256
+_CATEGORY = "logStatusError"
 # A saved state: mark and version, build it belongs to, whether it runs, checksum, the rest.
 _STATE_HEAD = struct.Struct("<8s16sQQ")
 _STATE_MARK = b"vscreen1"
+
+
+@functools.lru_cache(maxsize=256)
+def _same_text(text: str) -> str:
+    """A text as the object that it was before; pythonfmu's library keeps those that it logs."""
+    return text
 
 
 class _Last(NamedTuple):
@@ -234,8 +241,8 @@ class RowSlave(Fmi2Slave):
         """
         message = str(error) if isinstance(error, ValueError) else repr(error)
         # A host may take the message for a format.
-        message = message.replace("%", " per cent")
-        self.log(message, Fmi2Status.error)
+        message = _same_text(message.replace("%", " per cent"))
+        self.log(message, Fmi2Status.error, category=_CATEGORY)
         if self._in_library:
             for kept in (self, type(self), self.log_queue):
                 take_reference(kept)
