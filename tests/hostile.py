@@ -328,6 +328,20 @@ class Caller:
         self.call("fmi2GetBooleanStatus", kind, ctypes.byref(ctypes.c_int()))
         self.call("fmi2CancelStep")
 
+    def step_and_set(self) -> None:
+        """Steps in one thread, inputs set and outputs read in another."""
+
+        def meddle() -> None:
+            for _ in range(5):
+                self.good_inputs()
+                self.read("Real", self.library.outputs)
+
+        meddler = threading.Thread(target=meddle)
+        meddler.start()
+        for _ in range(5):
+            self.call("fmi2DoStep", self.time, 10.0, 1)
+        meddler.join()
+
     def terminate(self) -> None:
         self.call("fmi2Terminate")
 
@@ -384,6 +398,7 @@ ACTIONS: tuple[tuple[Callable[[Caller], None], int], ...] = (
     (Caller.leave, 1),
     (Caller.logging, 1),
     (Caller.ask, 1),
+    (Caller.step_and_set, 1),
     (Caller.terminate, 1),
     (Caller.reset, 1),
 )

@@ -14,8 +14,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher, broadbent_callcott, passing_size
+from components.fmus import conveyor_model, crusher_model, mixer_model
 from components.mixer import composition, mix
+from components.slaves import ConveyorSlave, CrusherSlave, MixerSlave, UnitSlave
 from vibroscreen.units import KW, KWH_T, MM, T_H
+from vibroscreen_fmu.package import Model
 
 SIEVES = np.array([0, 1, 2, 4, 5.6, 8, 11.2, 16, 22.4, 31.5, 45, 63, 75]) * MM
 SURVEYS = Path(__file__).parent / "data" / "hp500_surveys.csv"
@@ -221,3 +224,105 @@ def test_conveyor_refuses_what_makes_no_sense() -> None:
         Conveyor(0.0, classes=1)
     with pytest.raises(ValueError, match="stream has 2 size classes, the belt was made for 1"):
         Conveyor(1.0, classes=1).load(np.zeros(2), 1.0)
+
+
+# --- behind FMI ----------------------------------------------------------------------------------
+COMPOSITION = np.arange(1.0, SIEVES.size) / np.arange(1.0, SIEVES.size).sum()
+
+
+class Caller:
+    """A slave as pythonfmu calls it, spoken to by names."""
+
+    def __init__(self, model: Model, kind: type[UnitSlave], folder: Path) -> None:
+        for name, content in model.resources.items():
+            (folder / name).write_bytes(content)
+        self.reference = {port.name: port.reference for port in model.ports}
+        self.slave = kind(instance_name="unit", resources=str(folder))
+
+    def set(self, name: str, *values: float) -> None:
+        first = self.reference[name]
+        self.slave.set_real(list(range(first, first + len(values))), list(values))
+
+    def get(self, name: str, count: int = 1) -> list[float]:
+        first = self.reference[name]
+        return self.slave.get_real(list(range(first, first + count)))
+
+    def rates(self, stream: str) -> np.ndarray:
+        rate, *fractions = self.get(f"{stream}.mass_flow_rate", SIEVES.size)
+        return rate * np.array(fractions)
+
+    def feed(self, stream: str, rates: np.ndarray) -> None:
+        total = rates.sum()
+        self.set(f"{stream}.mass_flow_rate", total, *(rates / total))
+
+
+def test_the_crusher_slave_is_the_crusher(tmp_path: Path) -> None:
+    caller = Caller(crusher_model(SIEVES, COMPOSITION, 14 * MM), CrusherSlave, tmp_path)
+    caller.slave.exit_initialization_mode()
+    assert caller.get("product.mass_flow_rate") == [0.0]
+    assert_array_equal(caller.get("product.mass_fraction[1]", SIEVES.size - 1), COMPOSITION)
+    feed = 80.0 * COMPOSITION[::-1]
+    for setting in (14 * MM, 20 * MM):
+        caller.set("closed_side_setting", setting)  # tunable
+        caller.feed("feed", feed)
+        assert caller.slave.do_step(0.0, 3.0)
+        crusher = ConeCrusher(SIEVES, setting)
+        assert_allclose(caller.rates("product"), crusher.crush(feed), rtol=1e-13, atol=1e-13)
+        assert caller.get("drive.power") == [pytest.approx(crusher.power(feed), rel=1e-12)]
+    before = caller.slave.memory()
+    caller.set("closed_side_setting", -1.0)
+    with pytest.raises(RuntimeError, match="must be positive"):
+        caller.slave.do_step(3.0, 3.0)
+    caller.set("closed_side_setting", 20 * MM)
+    assert caller.slave.memory() == before
+
+
+def test_the_mixer_slave_names_what_is_wrong(tmp_path: Path) -> None:
+    caller = Caller(mixer_model(SIEVES, COMPOSITION, 50.0), MixerSlave, tmp_path)
+    caller.slave.exit_initialization_mode()
+    caller.feed("inlet[2]", 30.0 * COMPOSITION[::-1])
+    assert caller.slave.do_step(0.0, 1.0)
+    mixed = 50.0 * COMPOSITION + 30.0 * COMPOSITION[::-1]
+    assert_allclose(caller.rates("outlet"), mixed, rtol=1e-13)
+    caller.set("inlet[2].mass_fraction[3]", 1.5)
+    with pytest.raises(RuntimeError, match=r"^inlet\[2\]\.mass_fraction\[3\] = 1\.5 is outside"):
+        caller.slave.do_step(1.0, 1.0)
+    caller.set("inlet[1].mass_flow_rate", -1.0)
+    with pytest.raises(RuntimeError, match=r"^inlet\[1\]\.mass_flow_rate = -1 kg/s"):
+        caller.slave.do_step(1.0, 1.0)
+    with pytest.raises(RuntimeError, match="dt = 0"):
+        caller.slave.do_step(1.0, 0.0)
+
+
+def test_the_conveyor_slave_is_the_conveyor_and_remembers(tmp_path: Path) -> None:
+    caller = Caller(conveyor_model(SIEVES, COMPOSITION, 5.0), ConveyorSlave, tmp_path)
+    caller.set("delay", 7.0)  # fixed: until initialisation ends
+    caller.slave.exit_initialization_mode()
+    with pytest.raises(RuntimeError, match="delay is a fixed parameter of a model that runs"):
+        caller.set("delay", 8.0)
+    belt = Conveyor(7.0, classes=SIEVES.size - 1)
+    rng = np.random.default_rng(1)
+
+    def go_on(steps: int) -> list[np.ndarray]:
+        left = []
+        for _ in range(steps):
+            caller.feed("feed", rng.uniform(0.0, 9.0, SIEVES.size - 1))
+            assert caller.slave.do_step(0.0, float(rng.uniform(0.5, 9.0)))
+            left.append(caller.rates("discharge"))
+        return left
+
+    for _ in range(20):
+        stream, step = rng.uniform(0.0, 9.0, SIEVES.size - 1), float(rng.uniform(0.5, 9.0))
+        caller.feed("feed", stream)
+        assert caller.slave.do_step(0.0, step)
+        assert_allclose(caller.rates("discharge"), belt.carry(stream, step), rtol=1e-9, atol=1e-9)
+        assert caller.get("belt.mass")[0] == pytest.approx(belt.held.sum(), rel=1e-9)
+    memory, state = caller.slave.memory(), rng.bit_generator.state
+    expected = go_on(10)
+    rng.bit_generator.state = state
+    other = tmp_path / "other"
+    other.mkdir()
+    caller = Caller(conveyor_model(SIEVES, COMPOSITION, 5.0), ConveyorSlave, other)
+    caller.slave.exit_initialization_mode()
+    caller.slave.recall(memory)
+    assert_array_equal(go_on(10), expected)

@@ -623,7 +623,7 @@ TOML_REFUSALS = {
     "efficiency 0": (
         EDGES + "[drive]\nefficiency = 0",
         (
-            "drive.efficiency = 0 is not larger than 0: give a number above 0 up to 1 "
+            "drive.efficiency = 0 is smaller than 0.01: give a number from 0.01 up to 1 "
             "(efficiency in a TOML file)"
         ),
     ),

@@ -495,7 +495,9 @@ class Drive:
         default=120.0 * MM,
         metadata=number("bearing_diameter_mm", "m", MM, at_least=0.0, at_most=5.0),
     )
-    efficiency: float = field(default=0.9, metadata=number("efficiency", above=0.0, at_most=1.0))
+    efficiency: float = field(
+        default=0.9, metadata=number("efficiency", at_least=0.01, at_most=1.0)
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")

@@ -105,7 +105,8 @@ ABOUT = (
 )
 STATUS = (
     "pythonfmu, which runs the Python inside, knows one status for every refusal, fmi2Fatal; after "
-    "it the instance still works. Paths with characters outside of ASCII, # or + crash it."
+    "it the instance still works. It does not compare the GUID of the caller with that of the "
+    "file. Paths with characters outside of ASCII, # or + crash it."
 )
 LICENCE = "MIT. The licence of pythonfmu lies beside this page."
 # What is vendored under one name, from the ground up. Kernels are apart, for they are compiled.

@@ -12,6 +12,7 @@ import functools
 import os
 import struct
 import sys
+import threading
 import zlib
 from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -39,9 +40,16 @@ _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
 _READ_AS_REAL = (*_REAL, *_INTEGER, *_BOOLEAN)
 # Lists of value references whose places are remembered. Masters use a few, over and over.
 _MOST_REMEMBERED = 256
+_CATEGORY = "logStatusError"
 # A saved state: mark and version, build it belongs to, whether it runs, checksum, the rest.
 _STATE_HEAD = struct.Struct("<8s16sQQ")
 STATE_MARK = b"vscreen1"
+
+
+@functools.lru_cache(maxsize=256)
+def _same_text(text: str) -> str:
+    """A text as the object that it was before; pythonfmu's library keeps those that it logs."""
+    return text
 
 
 class _Last(NamedTuple):
@@ -55,12 +63,16 @@ class _Last(NamedTuple):
 def refusing(
     hook: Callable[Concatenate[Kind, Arguments], Result],
 ) -> Callable[Concatenate[Kind, Arguments], Result]:
-    """A hook that logs what it raises, and an instance that outlives it."""
+    """A hook that logs what it raises, and an instance that outlives it.
+
+    Kernels run while others of the process do: a caller that sets what is being stepped waits.
+    """
 
     @functools.wraps(hook)
     def guarded(self: Kind, /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         try:
-            return hook(self, *arguments, **named)
+            with self.one_at_a_time:
+                return hook(self, *arguments, **named)
         except Exception as error:
             raise self.refusal(error) from error
 
@@ -81,6 +93,7 @@ class RowSlave(Fmi2Slave):
 
     def __init__(self, ports: Iterable[Port], **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.one_at_a_time = threading.Lock()
         self._ports = {port.reference: port for port in ports}
         self._remembered: dict[tuple[Any, ...], Places] = {}
         self._forget()
@@ -223,8 +236,8 @@ class RowSlave(Fmi2Slave):
         """
         message = str(error) if isinstance(error, ValueError) else repr(error)
         # A host may take the message for a format.
-        message = message.replace("%", " per cent")
-        self.log(message, Fmi2Status.error)
+        message = _same_text(message.replace("%", " per cent"))
+        self.log(message, Fmi2Status.error, category=_CATEGORY)
         if self._in_library:
             for kept in (self, type(self), self.log_queue):
                 take_reference(kept)
