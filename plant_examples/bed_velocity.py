@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from scipy.optimize import minimize
 
-from components.evidence import Section, table
+from components.evidence import PICTURES, Section, table
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.displacement import BED_CONSTANTS, BED_THROW, bed_friction
 from vibroscreen.motion import Motion, conveying_regime
@@ -31,7 +31,6 @@ from vibroscreen.units import DEG, MM
 Array = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parent
-PICTURES = HERE.parent / "engine" / "validation"
 ELLIPTICITY = {"linear": 0.0, "circular-1": 1.0, "circular+1": -1.0}  # as the data file names them
 SLOWEST = 0.05  # m/s, below which errors count against this velocity
 ROLLING_FRICTION = 0.4  # of the perforated plate, on which the spheres roll freely
@@ -283,7 +282,7 @@ def main(
         output.parent.mkdir(parents=True, exist_ok=True)
         draw(frame, own, output)
     console = Console(width=150)
-    console.print(frame.round(4))
+    console.print(frame.round(4).to_string())
     for row in summary(own):
         console.print(*row)
     error = abs(frame.bed / frame.v - 1.0)
