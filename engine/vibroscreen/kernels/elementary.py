@@ -14,7 +14,9 @@ zero; what rounding leaves over is carried along where a digit depends on it.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import bits_of, kernel, number_of
+from math import factorial
+
+from vibroscreen.kernels.jit import bits_of, inlined, kernel, number_of
 
 _INF = float("inf")
 _NAN = float("nan")
@@ -32,6 +34,20 @@ _SQRT2 = 1.4142135623730951
 _SPLIT = 134217729.0  # 2^27 + 1
 _FRACTION_BITS = 0x000FFFFFFFFFFFFF
 _ONE_BITS = 0x3FF0000000000000
+# Coefficients of series, highest power first.
+_EXP = tuple(1.0 / factorial(n) for n in range(13, 2, -1))
+_SINE = tuple(1.0 / factorial(n) for n in range(19, 2, -2))
+_COSINE = tuple(1.0 / factorial(n) for n in range(20, 3, -2))
+_ARTANH = tuple(2.0 / n for n in range(23, 2, -2))
+
+
+@inlined
+def _series(coefficient, z):
+    """Polynomial in z by Horner's rule."""
+    total = coefficient[0]
+    for k in range(1, len(coefficient)):
+        total = total * z + coefficient[k]
+    return total
 
 
 @kernel
@@ -71,18 +87,7 @@ def _exp_of(x, rest):
     low = exponent * _LN2_REST - rest
     r = high - low
     rest = (high - r) - low
-    series = 1.0 / 6227020800.0
-    series = series * r + 1.0 / 479001600.0
-    series = series * r + 1.0 / 39916800.0
-    series = series * r + 1.0 / 3628800.0
-    series = series * r + 1.0 / 362880.0
-    series = series * r + 1.0 / 40320.0
-    series = series * r + 1.0 / 5040.0
-    series = series * r + 1.0 / 720.0
-    series = series * r + 1.0 / 120.0
-    series = series * r + 1.0 / 24.0
-    series = series * r + 1.0 / 6.0
-    return _scaled(1.0 + (r + (r * r * (0.5 + r * series) + rest)), exponent)
+    return _scaled(1.0 + (r + (r * r * (0.5 + r * _series(_EXP, r)) + rest)), exponent)
 
 
 @kernel
@@ -106,18 +111,7 @@ def _log_of(x):
     product = q * under
     q_rest = ((over - product) - _product_rest(q, under, product) - q * under_rest) / under
     z = q * q
-    series = 2.0 / 23.0
-    series = series * z + 2.0 / 21.0
-    series = series * z + 2.0 / 19.0
-    series = series * z + 2.0 / 17.0
-    series = series * z + 2.0 / 15.0
-    series = series * z + 2.0 / 13.0
-    series = series * z + 2.0 / 11.0
-    series = series * z + 2.0 / 9.0
-    series = series * z + 2.0 / 7.0
-    series = series * z + 2.0 / 5.0
-    series = series * z + 2.0 / 3.0
-    small = 2.0 * q_rest + q * z * series
+    small = 2.0 * q_rest + q * z * _series(_ARTANH, z)
     # Exponent first: it is zero, or larger than all the rest.
     whole = exponent * _LN2
     high = whole + 2.0 * q
@@ -175,16 +169,7 @@ def sinh(x):
     """Hyperbolic sine."""
     if abs(x) < 1.0:
         z = x * x
-        series = 1.0 / 121645100408832000.0
-        series = series * z + 1.0 / 355687428096000.0
-        series = series * z + 1.0 / 1307674368000.0
-        series = series * z + 1.0 / 6227020800.0
-        series = series * z + 1.0 / 39916800.0
-        series = series * z + 1.0 / 362880.0
-        series = series * z + 1.0 / 5040.0
-        series = series * z + 1.0 / 120.0
-        series = series * z + 1.0 / 6.0
-        return x + x * z * series
+        return x + x * z * _series(_SINE, z)
     half = _half_exp(abs(x))
     size = half - 0.25 / half
     return size if x > 0.0 else -size
@@ -219,35 +204,17 @@ def _reduced(x):
 @kernel
 def _sine_of(r, rest):
     """Sine of r + rest, |r| < 0.8."""
-    z = r * r
-    series = -1.0 / 121645100408832000.0
-    series = series * z + 1.0 / 355687428096000.0
-    series = series * z - 1.0 / 1307674368000.0
-    series = series * z + 1.0 / 6227020800.0
-    series = series * z - 1.0 / 39916800.0
-    series = series * z + 1.0 / 362880.0
-    series = series * z - 1.0 / 5040.0
-    series = series * z + 1.0 / 120.0
-    series = series * z - 1.0 / 6.0
-    return r + (r * z * series + rest * (1.0 - 0.5 * z))
+    z = -r * r
+    return r + (r * z * _series(_SINE, z) + rest * (1.0 + 0.5 * z))
 
 
 @kernel
 def _cosine_of(r, rest):
     """Cosine of r + rest, |r| < 0.8."""
     z = r * r
-    series = 1.0 / 2432902008176640000.0
-    series = series * z - 1.0 / 6402373705728000.0
-    series = series * z + 1.0 / 20922789888000.0
-    series = series * z - 1.0 / 87178291200.0
-    series = series * z + 1.0 / 479001600.0
-    series = series * z - 1.0 / 3628800.0
-    series = series * z + 1.0 / 40320.0
-    series = series * z - 1.0 / 720.0
-    series = series * z + 1.0 / 24.0
     half = 0.5 * z
     near = 1.0 - half
-    return near + (((1.0 - near) - half) + (z * z * series - r * rest))
+    return near + (((1.0 - near) - half) + (z * z * _series(_COSINE, -z) - r * rest))
 
 
 @kernel
