@@ -486,15 +486,5 @@ def _table(
         oversize=products[:, 1],
         intermediate=products[:, 2:],
         refused=reasons,
-        **{
-            name: figures[name]
-            for name in (
-                "transport_velocity",
-                "residence_time",
-                "hold_up",
-                "undersize_recovery",
-                "cut_size",
-                "ecart_probable",
-            )
-        },
+        **{name: figures[name] for name in lay.FIGURE[lay.F_VELOCITY :]},
     )
