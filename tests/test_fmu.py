@@ -1093,11 +1093,11 @@ def test_many_instances_in_turn(unzipped: Path, description: ModelDescription) -
 
 
 # --- processes ----------------------------------------------------------------------------------
-RUN = """
+STARTED = """
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 
-for fmu in sys.argv[1:]:
+def started(fmu):
     folder = extract(fmu)
     description = read_model_description(folder)
     slave = FMU2Slave(
@@ -1110,34 +1110,27 @@ for fmu in sys.argv[1:]:
     slave.setupExperiment(startTime=0.0)
     slave.enterInitializationMode()
     slave.exitInitializationMode()
+    return slave, {v.name: v.valueReference for v in description.modelVariables}
+"""
+RUN = (
+    STARTED
+    + """
+for fmu in sys.argv[1:]:
+    slave, place = started(fmu)
     slave.doStep(0.0, 10.0)
-    place = {v.name: v.valueReference for v in description.modelVariables}
     print(*slave.getReal([place["bed.hold_up"], place["deck[1].panel[1].aperture"]]))
     slave.freeInstance()
 """
+)
 CONTINUED = (15.5, 0.0, 12.0, 15.5)
-CONTINUE = f"""
+CONTINUE = f"""{STARTED}
 from pathlib import Path
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
 
 fmu, blob, *names = sys.argv[1:]
-folder = extract(fmu)
-description = read_model_description(folder)
-slave = FMU2Slave(
-    guid=description.guid,
-    unzipDirectory=folder,
-    modelIdentifier=description.coSimulation.modelIdentifier,
-    instanceName="another",
-)
-slave.instantiate(loggingOn=True)
-slave.setupExperiment(startTime=0.0)
-slave.enterInitializationMode()
-slave.exitInitializationMode()
+slave, place = started(fmu)
 state = slave.deSerializeFMUstate(Path(blob).read_bytes())
 slave.setFMUstate(state)
 slave.freeFMUstate(state)
-place = {{v.name: v.valueReference for v in description.modelVariables}}
 for frequency in {CONTINUED}:
     slave.setReal([place["motion.frequency"]], [frequency])
     slave.doStep(0.0, 7.0)
