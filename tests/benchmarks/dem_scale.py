@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import math
 import platform
 import sys
@@ -23,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
+from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import median_seconds, seconds
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Material, Panel, Segregation
@@ -155,9 +155,7 @@ def main(repeat: int = 21, output: Path | None = None) -> Row:
         )
     print("Cost only: the constants of the model are defaults, not fitted to the DEM.")
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(found, indent=1, allow_nan=False)
-        (output / "dem_scale.json").write_text(text + "\n")
+        write_json(output, "dem_scale", found)
     return found
 
 

@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from build_fmu import build
+from tests.benchmarks.output import write_json
 from vibroscreen import ScreenConfig
 
 Row = dict[str, Any]
@@ -174,9 +175,7 @@ def main(repeat: int = 7, output: Path | None = None, *, quick: bool = False) ->
     for name, spent in sums.items():
         print(f"{name:<28}{spent:>14.4f}   {'below' if spent < 1.0 else 'above'} one second")
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(found, indent=1, allow_nan=False)
-        (output / "import_time.json").write_text(text + "\n")
+        write_json(output, "import_time", found)
     return found
 
 

@@ -10,17 +10,20 @@ many.json and many.png.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import statistics
+import sys
 import time
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import matplotlib.pyplot as plt
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from tests.benchmarks.output import write_json
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.config import Solver
 
@@ -73,8 +76,7 @@ def main(designs: int = 10_000, repeat: int = 3, output: Path | None = None) -> 
         )
     print(f"one core over {cores}: {result['ratio']:.2f}, the same bits: {same}")
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        (output / "many.json").write_text(json.dumps(result, indent=2) + "\n")
+        write_json(output, "many", result)
         figure, axis = plt.subplots(figsize=(5, 2.2), layout="constrained")
         axis.barh([f"{n} core(s)" for n in medians], list(medians.values()), color="#4a6fa5")
         axis.set(xlabel=f"{designs} steady states [s]")

@@ -19,9 +19,9 @@ takes about a minute and a million steps four to nine on one core, compiling apa
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import resource
+import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
@@ -29,12 +29,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import matplotlib.pyplot as plt
 import numpy as np
 from numba import njit
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.kernels import layout as lay
@@ -622,9 +625,7 @@ def main(
         "soak": soaked,
     }
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(result, indent=1, allow_nan=False)
-        (output / "stability.json").write_text(text + "\n")
+        write_json(output, "stability", result)
         draw(rows, output / "stability.png")
     return result
 

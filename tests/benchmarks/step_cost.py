@@ -22,7 +22,6 @@ from __future__ import annotations
 import argparse
 import ctypes
 import dataclasses
-import json
 import platform
 import shutil
 import statistics
@@ -48,6 +47,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from build_fmu import build
 from tests import native
+from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import quarry_screen, refined
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import (
@@ -947,9 +947,7 @@ def main(
     result["targets"] = targets(result)
     print_report(result)
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(result, indent=1, allow_nan=False)
-        (output / "step_cost.json").write_text(text + "\n")
+        write_json(output, "step_cost", result)
         draw(result, output / "step_cost.png")
     return result
 

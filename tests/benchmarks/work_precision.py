@@ -21,7 +21,6 @@ import argparse
 import csv
 import dataclasses
 import functools
-import json
 import math
 import platform
 import statistics
@@ -52,6 +51,7 @@ from tests.benchmarks.baseline import (
     slice_of,
     uniform_slices,
 )
+from tests.benchmarks.output import write_json
 from vibroscreen import Feed, Motion, Screen, ScreenConfig, register
 from vibroscreen.config import (
     QUARRY_EDGES,
@@ -1215,9 +1215,7 @@ def main(output: Path | None = None, *, quick: bool = False) -> dict[str, Any]:
         "scenes": scenes,
     }
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(without_infinities(result), indent=1, allow_nan=False)
-        (output / "work_precision.json").write_text(text + "\n")
+        write_json(output, "work_precision", without_infinities(result))
         draw(scenes, output / "work_precision.png")
     return result
 
