@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import llvmlite.binding as llvm
 import numba
@@ -180,7 +181,7 @@ def _main(target: Path) -> None:
     """Write the intermediate code of the entries and all below them."""
     pointer = types.CPointer(types.float64)
 
-    def run(buffer, size, command, first):  # type: ignore[no-untyped-def]
+    def run(buffer: Any, size: int, command: int, first: float) -> Any:
         row = carray(buffer, (size,))
         if command == INITIALISE:
             return initialise(row)
@@ -189,7 +190,7 @@ def _main(target: Path) -> None:
         read_partition(row)
         return ACCEPTED
 
-    def lay(buffer, size, aperture, velocity, rows):  # type: ignore[no-untyped-def]
+    def lay(buffer: Any, size: int, aperture: Any, velocity: Any, rows: int) -> int:
         plan(carray(buffer, (size,)), carray(aperture, (rows,)), carray(velocity, (rows,)))
         return ACCEPTED
 
