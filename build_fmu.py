@@ -8,9 +8,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
+from zipfile import ZipFile
 
 import typer
-from fmpy import platform, supported_platforms
+from fmpy import platform
 from fmpy.validation import validate_fmu
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -56,9 +57,16 @@ def build(
         return made.replace(output / made.name)
 
 
+def platforms_of(path: Path) -> list[str]:
+    """Platforms that an FMU has a library for; fmpy's own list leaves aarch64-linux out."""
+    with ZipFile(path) as file:
+        folders = [name.split("/") for name in file.namelist()]
+    return sorted({parts[1] for parts in folders if parts[0] == "binaries" and len(parts) > 2})
+
+
 def runs_here(path: Path) -> bool:
     """Whether an FMU has a library for this machine."""
-    return platform in supported_platforms(str(path))
+    return platform in platforms_of(path)
 
 
 def _trial(path: Path) -> list[str]:
@@ -101,7 +109,7 @@ def main(
         errors.print("\n".join([str(error), *getattr(error, "__notes__", ())]))
         raise typer.Exit(code=1) from None
     for path in paths:
-        print(f"{path} ({_size(path)}) for {', '.join(supported_platforms(str(path)))}")
+        print(f"{path} ({_size(path)}) for {', '.join(platforms_of(path))}")
         print(summary(screen))
         tried = "two steps ran" if runs_here(path) else "not run, no library for this machine"
         print(f"fmpy found no problem, {tried}")

@@ -317,6 +317,7 @@ def test_one_fmu_for_all_platforms(every_platform: Path) -> None:
             for target, platform in link.PLATFORMS.items()
         }
     assert found == set(link.PLATFORMS)
+    assert build_fmu.platforms_of(every_platform) == sorted(link.PLATFORMS)
     assert start["darwin64"] == bytes.fromhex("cafebabe")  # for two processors
     assert start["linux64"] == start["aarch64-linux"] == b"\x7fELF"
     assert start["win64"][:2] == b"MZ"
