@@ -27,6 +27,7 @@ COUNTERS = {
     "explicit": ("pair_steps", "sub_steps"),
     "idle_packages": ("packages_skipped", "packages_integrated"),
     "shared_trajectory": (None, "packages_integrated"),
+    "closed_cohorts": ("cohorts_followed", "packages_integrated"),
     "steady_scene": ("steady_steps", None),
     "displacement": (None, "displacement_solutions"),
     "partition": (None, None),  # below
@@ -53,6 +54,7 @@ def run(config: ScreenConfig, off: str | None) -> tuple[np.ndarray, dict[str, in
     plan = [
         (Feed(60.0, HOLED), 15.5, 8, 2.0),
         (Feed(90.0, SHARE), 15.5, 6, 3.0),
+        *((Feed(80.0 + 5.0 * k, SHARE), 15.5, 1, 1.0) for k in range(4)),
         (Feed(90.0, SHARE), 13.0, 20, 5.0),
         (Feed(0.0), 13.0, 12, 5.0),
         (Feed(0.0), 0.0, 3, 5.0),

@@ -483,6 +483,7 @@ def skips() -> list[Skip]:
             from_empty=20,
             less=True,
         ),
+        Skip("closed_cohorts", "new frequency", default, "cohorts_followed", "frequency"),
         Skip("steady_scene", "steady", default, "steady_steps"),
         Skip("displacement", "steady", default, "displacement_solutions", less=True),
         Skip("partition", "new frequency", default, "partitions", "frequency", less=True),

@@ -73,7 +73,9 @@ def piece_of(buffer, left, duration):
     if covered(buffer, 0):
         return left
     if conveys(buffer, 0):
-        piece = min(left, residence_time(buffer, AT_SCENE, 0) / PIECES)
+        # Even pieces, and none for a step that is hardly longer than one.
+        parts = int(PIECES * left / residence_time(buffer, AT_SCENE, 0) + 0.5)
+        piece = left / max(1, parts)
         until = time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
     if scene_vector(buffer, AT_SCENE, 0, 0)[S_PASSAGE_VELOCITY] == 0.0:

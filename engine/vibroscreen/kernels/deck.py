@@ -23,6 +23,7 @@ from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
     AT_COUNTER,
+    AT_ENTRY_VELOCITY,
     AT_FALL_COHORT,
     AT_FALL_COUNT,
     AT_FEED_FRACTION,
@@ -32,12 +33,19 @@ from vibroscreen.kernels.layout import (
     AT_LEAD,
     AT_LEAD_FEED,
     AT_LEAD_PASSED,
+    AT_LEADER,
     AT_LENGTH,
     AT_LOAD,
     AT_ON_PANEL,
     AT_PACE,
     AT_PARAMETER,
+    AT_PART_BEFORE,
+    AT_PART_END,
+    AT_PART_PASSED,
+    AT_PART_SLOT,
     AT_PARTIAL,
+    AT_PARTIAL_PASSED,
+    AT_PASSED,
     AT_QUEUE,
     AT_REFERENCE,
     AT_SCENE,
@@ -45,6 +53,7 @@ from vibroscreen.kernels.layout import (
     AT_STEP_MASS,
     AT_SWITCH,
     BED_LAYERS,
+    C_FOLLOWED,
     C_MERGES,
     C_PACKAGES,
     C_PACKAGES_SKIPPED,
@@ -59,6 +68,7 @@ from vibroscreen.kernels.layout import (
     D_KNOTS,
     D_LEAD_LAYERS,
     D_LEAD_PANEL,
+    D_LEADERS,
     D_ORDER,
     D_PACE,
     D_PACKAGES,
@@ -83,7 +93,9 @@ from vibroscreen.kernels.layout import (
     S_SEGREGATION_VELOCITY,
     SWITCH,
     TOLERANCE,
+    W_CLOSED,
     W_IDLE,
+    W_SHARED,
     column,
     deck_vector,
     node_vector,
@@ -92,7 +104,7 @@ from vibroscreen.kernels.layout import (
     slot,
     vector,
 )
-from vibroscreen.kernels.package import bed_load, clear_sums, integrate, restack
+from vibroscreen.kernels.package import bed_load, begin_parts, clear_sums, integrate, restack
 from vibroscreen.kernels.place import (
     cell_count,
     cell_end,
@@ -108,6 +120,7 @@ from vibroscreen.kernels.place import (
     residence_time,
     riding_time,
 )
+from vibroscreen.kernels.segregation import NOTHING
 
 # A feed piles up where it would lie deeper than this part of the deck's length, on a deck that
 # takes longer than this to carry it to the discharge, s. One that conveys faster carries any feed.
@@ -156,7 +169,7 @@ def clear_deck(buffer, deck):
 def free_slots(buffer, deck):
     """Number of package slots that nobody uses."""
     book = deck_vector(buffer, deck)
-    return int(buffer[N_PACKAGES] - book[D_PACKAGES] - book[D_CELLS])
+    return int(buffer[N_PACKAGES] - book[D_PACKAGES] - book[D_CELLS] - book[D_LEADERS])
 
 
 @kernel
@@ -169,6 +182,8 @@ def give_back(buffer, deck, index):
 def new_slot(buffer, deck):
     """A free slot, emptied; merges neighbours of the queue if there is none."""
     if free_slots(buffer, deck) == 0:
+        part_cohorts(buffer, deck)
+    if free_slots(buffer, deck) == 0:
         merge_likest(buffer, deck)
     index = int(package_vector(buffer, AT_FREE, deck)[free_slots(buffer, deck) - 1])
     whole = slot(buffer, deck, index)
@@ -178,6 +193,7 @@ def new_slot(buffer, deck):
         reference[i] = 0.0
         for j in range(load.shape[0]):
             load[j, i] = 0.0
+    package_vector(buffer, AT_LEADER, deck)[index] = 0.0
     package_vector(buffer, AT_LENGTH, deck)[index] = 0.0
     package_vector(buffer, AT_LAYERS_USED, deck)[index] = 1.0
     package_vector(buffer, AT_ON_PANEL, deck)[index] = 0.0
@@ -570,15 +586,19 @@ def advance_queue(buffer, deck, duration):
         rear -= duration
     for place in range(count - 1, 0, -1):
         rear += package_span(buffer, deck, queue_slot(buffer, deck, place))
-    gone = 0
+    gone, followed = 0, 0
     for place in range(count):
         index = queue_slot(buffer, deck, place)
         pile = place == count - 1 and book[D_PILE_OPEN] > 0.0
+        if place >= followed and package_vector(buffer, AT_LEADER, deck)[index] > 0.0:
+            followed = follow_cohort(buffer, deck, place, rear, duration)
         behind = 0.0
         if place + 1 < count:
             behind = package_span(buffer, deck, queue_slot(buffer, deck, place + 1))
         fall_row(buffer, deck, place, rear, rear + package_span(buffer, deck, index))
-        if pile:
+        if place < followed:
+            take_part(buffer, deck, index, place, followed - 1 - place)
+        elif pile:
             feed_pile(buffer, deck, index, duration)
             ride(buffer, deck, index, place, duration)
             buffer[N_SOURCE] = 0.0
@@ -590,6 +610,182 @@ def advance_queue(buffer, deck, duration):
         leave_queue(buffer, deck, 0)
     if book[D_PILE_OPEN] > 0.0:
         book[D_PILE_REAR] += panel_velocity(buffer, AT_SCENE, deck, 0) * duration
+
+
+# --- closed cohorts ------------------------------------------------------------------------------
+@kernel
+def keep_leader(buffer, deck):
+    """Let a cohort that is about to close go on as one: its leading slice gets a slot of its own.
+
+    Its cells become parts of it. Everything in it goes through one trajectory as long as only the
+    velocity changes, and a part is the mean of this over its ages. Returns what `leader` is to say
+    of the parts; 0: each is a package of its own.
+    """
+    book = deck_vector(buffer, deck)
+    switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
+    off = switch[W_CLOSED] == 0.0 or switch[W_SHARED] == 0.0
+    if off or deck > 0 or panel_count(buffer, deck) > 1 or not in_cells(buffer, deck):
+        return 0.0
+    if book[D_CELLS] == 0.0 or book[D_COVERED] > 0.0 or free_slots(buffer, deck) < 2:
+        return 0.0
+    index = new_slot(buffer, deck)
+    whole = slot(buffer, deck, index)
+    load, lead = column(buffer, AT_LOAD, whole), column(buffer, AT_LEAD, deck)
+    reference, fed = (
+        node_vector(buffer, AT_REFERENCE, whole),
+        node_vector(buffer, AT_LEAD_FEED, deck),
+    )
+    passed, gone = node_vector(buffer, AT_PASSED, whole), node_vector(buffer, AT_LEAD_PASSED, deck)
+    layers = int(book[D_LEAD_LAYERS])
+    for i in range(fed.size):
+        reference[i], passed[i] = fed[i], gone[i]
+        for j in range(layers):
+            load[j, i] = lead[j, i]
+    package_vector(buffer, AT_LAYERS_USED, deck)[index] = layers
+    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
+    package_vector(buffer, AT_ENTRY_VELOCITY, deck)[index] = velocity
+    book[D_LEADERS] += 1.0
+    return index + 1.0
+
+
+@kernel
+def cohort_end(buffer, deck, place):
+    """Place behind the last part of the closed cohort whose first part is at `place`."""
+    leader = package_vector(buffer, AT_LEADER, deck)
+    name = leader[queue_slot(buffer, deck, place)]
+    end = place + 1
+    while end < int(deck_vector(buffer, deck)[D_PACKAGES]):
+        if leader[queue_slot(buffer, deck, end)] != name:
+            break
+        end += 1
+    return end
+
+
+@kernel
+def part_cohort(buffer, deck, place):
+    """From now on the parts of the closed cohort at `place` are packages of their own."""
+    leader = package_vector(buffer, AT_LEADER, deck)
+    first = queue_slot(buffer, deck, place)
+    index = int(leader[first]) - 1
+    pace = vector(buffer, AT_PACE, 4, slot(buffer, deck, index))
+    for k in range(place, cohort_end(buffer, deck, place)):
+        part = queue_slot(buffer, deck, k)
+        kept = vector(buffer, AT_PACE, 4, slot(buffer, deck, part))
+        for n in range(pace.size):
+            kept[n] = pace[n]
+        leader[part] = 0.0
+    give_back(buffer, deck, index)
+    deck_vector(buffer, deck)[D_LEADERS] -= 1.0
+
+
+@kernel
+def part_cohorts(buffer, deck):
+    """Part all closed cohorts of a deck: what comes is not the same for all of each."""
+    for place in range(int(deck_vector(buffer, deck)[D_PACKAGES])):
+        if package_vector(buffer, AT_LEADER, deck)[queue_slot(buffer, deck, place)] > 0.0:
+            part_cohort(buffer, deck, place)
+
+
+@kernel
+def follow_cohort(buffer, deck, place, rear, duration):
+    """Advance the leading slice of a closed cohort, whose first part has its rear at `rear` s.
+
+    The ages of its parts after the step lie in what the slice goes through now, if that takes at
+    least as long as the cohort took to come in; else, and where its front leaves the deck, it is
+    parted. Returns the place behind it, or 0.
+    """
+    length = package_vector(buffer, AT_LENGTH, deck)
+    first, end = queue_slot(buffer, deck, place), cohort_end(buffer, deck, place)
+    index = int(package_vector(buffer, AT_LEADER, deck)[first]) - 1
+    entry = package_vector(buffer, AT_ENTRY_VELOCITY, deck)[index]
+    span = 0.0
+    for k in range(place, end):
+        span += length[queue_slot(buffer, deck, k)] / entry
+    leaves = False
+    if conveys(buffer, deck):
+        front = rear + package_span(buffer, deck, first) + duration
+        leaves = front > residence_time(buffer, AT_SCENE, deck)
+    off = vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_CLOSED] == 0.0
+    if off or leaves or duration < span * (1.0 - MOMENT):
+        part_cohort(buffer, deck, place)
+        return 0
+    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
+    slots = vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)
+    start = max(0.0, duration - span)
+    age = start
+    for part in range(end - place):
+        member = queue_slot(buffer, deck, end - 1 - part)
+        age += length[member] / entry
+        ends[part] = duration if part == end - place - 1 else min(age, duration)
+        slots[part] = slot(buffer, deck, member)
+        empty_part(buffer, deck, member, part)
+    begin_parts(buffer, end - place, start)
+    integrate_package(buffer, deck, index, duration)
+    begin_parts(buffer, 0, 0.0)
+    # What passed of the slice so far, with which the parts' own share begins.
+    passed = node_vector(buffer, AT_PASSED, slot(buffer, deck, index))
+    gone = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    begin = start
+    for part in range(end - place):
+        mean = node_vector(buffer, AT_PART_PASSED, part)
+        scale = 1.0 / (ends[part] - begin) if ends[part] > begin else 0.0
+        for i in range(passed.size):
+            mean[i] = passed[i] + scale * mean[i]
+        begin = ends[part]
+    for i in range(passed.size):
+        passed[i] += gone[i]
+    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_FOLLOWED] += 1.0
+    return end
+
+
+@kernel
+def empty_part(buffer, deck, index, part):
+    """Make a part of a cohort ready to take the mean over its new ages; what it held is kept."""
+    load = column(buffer, AT_LOAD, slot(buffer, deck, index))
+    before, passed = (
+        node_vector(buffer, AT_PART_BEFORE, part),
+        node_vector(buffer, AT_PART_PASSED, part),
+    )
+    for i in range(before.size):
+        before[i], passed[i] = 0.0, 0.0
+    for j in range(int(package_vector(buffer, AT_LAYERS_USED, deck)[index])):
+        for i in range(before.size):
+            before[i] += load[j, i]
+            load[j, i] = 0.0
+
+
+@kernel
+def take_part(buffer, deck, index, row, part):
+    """Settle a part of a cohort after a step, and book what passed of it.
+
+    That is the growth of the mean of what passed, so what is held is what was, less this: the mean
+    loads say only how it lies.
+    """
+    whole = slot(buffer, deck, index)
+    load, passed = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_PASSED, whole)
+    before, mean = (
+        node_vector(buffer, AT_PART_BEFORE, part),
+        node_vector(buffer, AT_PART_PASSED, part),
+    )
+    flux, time = node_vector(buffer, AT_COLUMN_FLUX, 0), node_vector(buffer, AT_COLUMN_FLUX, 1)
+    used = package_vector(buffer, AT_LAYERS_USED, deck)
+    rows = int(max(used[index], deck_vector(buffer, deck)[D_ROWS]))
+    for i in range(passed.size):
+        flux[i], time[i] = min(before[i], max(0.0, mean[i] - passed[i])), 0.0
+        passed[i] += flux[i]
+        held = 0.0
+        for j in range(rows):
+            load[j, i] = max(0.0, load[j, i])
+            held += load[j, i]
+        left = before[i] - flux[i]
+        scale = left / held if held > NOTHING else 0.0
+        for j in range(rows):
+            load[j, i] *= scale
+        if scale == 0.0:
+            load[0, i] = left
+    used[index] = restack(buffer, package_scene(buffer, deck, index), load, rows)
+    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+    pass_through(buffer, deck, row, area, 0.0)
 
 
 # --- the pile ------------------------------------------------------------------------------------
@@ -631,12 +827,13 @@ def start_cohort(buffer, deck, rate):
     lead, partial = column(buffer, AT_LEAD, deck), column(buffer, AT_PARTIAL, deck)
     fed = node_vector(buffer, AT_LEAD_FEED, deck)
     passed = node_vector(buffer, AT_LEAD_PASSED, deck)
+    partial_passed = node_vector(buffer, AT_PARTIAL_PASSED, deck)
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
     velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
     load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
     for i in range(fed.size):
         fed[i] = load * fraction[i]
-        passed[i] = 0.0
+        passed[i], partial_passed[i] = 0.0, 0.0
         for j in range(lead.shape[0]):
             lead[j, i] = 0.0
             partial[j, i] = 0.0
@@ -661,12 +858,17 @@ def join_queue(buffer, deck):
     """The cohort's cells join the queue as packages of their own; the cohort is empty after it."""
     book = deck_vector(buffer, deck)
     before = int(book[D_PACKAGES])
+    leading = 0.0
     if book[D_COHORT_ON] > 0.0 and book[D_COHORT_FRONT] > 0.0:
+        leading = keep_leader(buffer, deck)
         append_piece(buffer, deck)
     cell = package_vector(buffer, AT_CELL, deck)
     while book[D_CELLS] > 0.0:
         book[D_CELLS] -= 1.0
         join_back(buffer, deck, cell[int(book[D_CELLS])])
+    leader = package_vector(buffer, AT_LEADER, deck)
+    for place in range(before, int(book[D_PACKAGES])):
+        leader[queue_slot(buffer, deck, place)] = leading
     book[D_COHORT_ON], book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0, 0.0
     if before > 0 and before < int(book[D_PACKAGES]):
         join_neighbours(buffer, deck, before - 1)
@@ -706,6 +908,9 @@ def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
     length = package_vector(buffer, AT_LENGTH, deck)
     one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
+    leader = package_vector(buffer, AT_LEADER, deck)
+    if leader[one] + leader[two] > 0.0:
+        return
     if panel_of(buffer, deck, one) != panel_of(buffer, deck, two):
         return
     loads = package_load(buffer, deck, place) + package_load(buffer, deck, place + 1)
@@ -724,9 +929,13 @@ def finish_cell(buffer, deck, index, length):
     load = column(buffer, AT_LOAD, whole)
     fed = node_vector(buffer, AT_LEAD_FEED, deck)
     reference = node_vector(buffer, AT_REFERENCE, whole)
+    passed = node_vector(buffer, AT_PASSED, whole)
+    collected = node_vector(buffer, AT_PARTIAL_PASSED, deck)
     layers = int(book[D_PARTIAL_LAYERS])
     for i in range(fed.size):
         reference[i] = fed[i]
+        passed[i] = collected[i] / length
+        collected[i] = 0.0
         for j in range(layers):
             load[j, i] = partial[j, i] / length
             partial[j, i] = 0.0
@@ -753,6 +962,7 @@ def advance_lead(buffer, deck, duration):
     passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
     time = column(buffer, AT_COLUMN_TIME, 0)
     undersize = node_vector(buffer, AT_STEP_MASS, deck)
+    partial_passed = node_vector(buffer, AT_PARTIAL_PASSED, deck)
     fallen, carry = node_vector(buffer, AT_FALL_COHORT, deck), node_vector(buffer, AT_CARRY, deck)
     velocity, first = (
         panel_velocity(buffer, AT_SCENE, deck, panel),
@@ -782,6 +992,7 @@ def advance_lead(buffer, deck, duration):
         for i in range(fed.size):
             mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
             undersize[i] += mass
+            partial_passed[i] += mass / width
             before_passed[i] += on_first * passed[i]
             if below:
                 fallen[i] += mass

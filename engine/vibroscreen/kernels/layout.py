@@ -200,6 +200,7 @@ DECK = (
     "cohort_front",
     "cohort_fed",
     "covered",
+    "leaders",
     "lead_panel",
     "knots",
     "knot",
@@ -222,6 +223,7 @@ DECK = (
     D_COHORT_FRONT,
     D_COHORT_FED,
     D_COVERED,
+    D_LEADERS,
     D_LEAD_PANEL,
     D_KNOTS,
     D_KNOT,
@@ -262,6 +264,7 @@ COUNTER = (
     "empty_sizes_skipped",
     "used_up_sizes_skipped",
     "merges",
+    "cohorts_followed",
     "partitions",
 )
 (
@@ -283,6 +286,7 @@ COUNTER = (
     C_EMPTY_SKIPPED,
     C_USED_UP_SKIPPED,
     C_MERGES,
+    C_FOLLOWED,
     C_PARTITIONS,
 ) = range(len(COUNTER))
 
@@ -294,6 +298,7 @@ SWITCH = (
     "explicit",
     "idle_packages",
     "shared_trajectory",
+    "closed_cohorts",
     "steady_scene",
     "displacement",
     "partition",
@@ -305,6 +310,7 @@ SWITCH = (
     W_EXPLICIT,
     W_IDLE,
     W_SHARED,
+    W_CLOSED,
     W_STEADY,
     W_DISPLACEMENT,
     W_PARTITION,
@@ -406,12 +412,19 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "layers_used": ("decks", "packages"),
         "on_panel": ("decks", "packages"),
         "pace": ("decks", "packages", 4),
+        # slot + 1 of the leading slice of the closed cohort that a package is a part of; 0: of none
+        "leader": ("decks", "packages"),
+        # of a leading slice: velocity at which its cohort came in, m/s
+        "entry_velocity": ("decks", "packages"),
+        # of a part of a cohort and of a leading slice: what has passed since it came in, kg/m2
+        "passed": ("decks", "packages", "nodes"),
         "load": ("decks", "packages", "layers", "nodes"),
         "reference": ("decks", "packages", "nodes"),
         "lead": ("decks", "layers", "nodes"),
         "lead_feed": ("decks", "nodes"),
         "lead_passed": ("decks", "nodes"),
         "partial": ("decks", "layers", "nodes"),
+        "partial_passed": ("decks", "nodes"),
         # along a steady deck with one below: place, what has passed up to there [kg/s] and falls
         # there [kg/(m s)] on both sides of the place; and what a lower cohort still owes
         "knot_place": ("decks", "knots"),
@@ -443,6 +456,12 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "landing_start": ("falls",),
         "landing_stop": ("falls",),
         "landing": ("falls", "nodes"),
+        # parts of a trajectory whose means are wanted: when each ends, s; the slot that gets its
+        # loads; time integral of what passed, kg s/m2; what the slot held before, kg/m2
+        "part_end": ("packages",),
+        "part_slot": ("packages",),
+        "part_passed": ("packages", "nodes"),
+        "part_before": ("packages", "nodes"),
         "column": ("layers", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
@@ -453,7 +472,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "compact": (2, "nodes"),
         "place": ("nodes",),
         "share": ("nodes",),
-        # the explicit pair: column, stage, rates of the stages, time integrals
+        # columns in time: what passed, loads, composition of the top layer (package.py)
         "stage": (10, "block"),
         # two rows an order of extrapolation: column and its time integral
         "trial": (2 * MAX_ORDER, "block"),
@@ -484,6 +503,9 @@ DIMENSION = (
     "designs",
     "recorded",
     "recorded_from",
+    "parts",
+    "part",
+    "parts_from",
     "active",
     "source_terms",
     "displacement_work",
@@ -506,6 +528,9 @@ DIMENSION = (
     N_DESIGNS,
     RECORDED,
     RECORDED_FROM,
+    N_PARTS,
+    PART,
+    PARTS_FROM,
     N_ACTIVE,
     N_SOURCE,
     N_DISPLACEMENT_WORK,
@@ -553,7 +578,7 @@ class Layout:
         known["ledger_rows"] = 2 * known["streams"]
         known["knot_rows"] = known["decks"] * known["knots"]
         known["fall_rows"] = known["decks"] * known["falls"]
-        known["block"] = (known["layers"] + 1) * known["nodes"]
+        known["block"] = (known["layers"] + 2) * known["nodes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}
         section: dict[str, slice] = {}
@@ -636,12 +661,16 @@ class Layout:
     AT_LAYERS_USED,
     AT_ON_PANEL,
     AT_PACE,
+    AT_LEADER,
+    AT_ENTRY_VELOCITY,
+    AT_PASSED,
     AT_LOAD,
     AT_REFERENCE,
     AT_LEAD,
     AT_LEAD_FEED,
     AT_LEAD_PASSED,
     AT_PARTIAL,
+    AT_PARTIAL_PASSED,
     AT_KNOT_PLACE,
     AT_KNOT_PASSED,
     AT_KNOT_BEFORE,
@@ -666,6 +695,10 @@ class Layout:
     AT_LANDING_START,
     AT_LANDING_STOP,
     AT_LANDING,
+    AT_PART_END,
+    AT_PART_SLOT,
+    AT_PART_PASSED,
+    AT_PART_BEFORE,
     AT_COLUMN,
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,

@@ -26,8 +26,12 @@ from vibroscreen.kernels.layout import (
     AT_COLUMN_TIME,
     AT_COMPACT,
     AT_COUNTER,
+    AT_LOAD,
     AT_NODE_WORK,
     AT_PARAMETER,
+    AT_PART_END,
+    AT_PART_PASSED,
+    AT_PART_SLOT,
     AT_PERCOLATION,
     AT_PLACE,
     AT_RECONSTRUCTION,
@@ -66,8 +70,12 @@ from vibroscreen.kernels.layout import (
     N_ACTIVE,
     N_LAYERS,
     N_NODES,
+    N_PACKAGES,
+    N_PARTS,
     N_SOURCE,
     PARAMETER,
+    PART,
+    PARTS_FROM,
     PASSAGE_ADDRESS,
     PASSAGE_LAW,
     RECORDED,
@@ -114,6 +122,11 @@ SLIVER = 1e-9
 THIN = 1e-3
 # A step that ends where a layer runs out (or is filled) may miss it by this part of a full one.
 LANDING = 1e-6
+# A layer that runs out may be missed by this part of the tolerance, if that is more: what is left
+# of it joins the layer below, which is the top one then and need not be full.
+MISS = 0.1
+# A step that went past such a moment is shortened to no less than this part of it at once.
+LEAST_LANDING = 0.1
 # A part of `tolerance` that a step may always use, however short it is.
 LEAST_SHARE = 0.02
 # Steps below this part of the horizon are taken whatever the estimate says (counted).
@@ -145,7 +158,9 @@ PAIR, POSITIVE, STABILISED = range(3)
 MARGIN = (8.0, 20.0, 5.0)
 MARGIN_SORTED = (4.0, 20.0, 5.0)
 # The scheme of order 3 is stable up to this.
-POSITIVE_STABLE = 5.0
+POSITIVE_STABLE = 4.8
+# A last step may be this part longer than planned: the estimate has that much in reserve.
+SLACK = 0.12
 # Error constants of the stabilised scheme and that of order 3.
 ERROR_STABILISED, ERROR_POSITIVE = 1.0 / 15.0, 1.0 / 24.0
 WIDE_FROM = 7.0
@@ -154,8 +169,10 @@ MOST_WIDER = 50.0
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
-# Blocks of `trial` while rates are found: loads at the faces of the layers.
+# Blocks of `trial` while rates are found: loads at the faces of the layers; and between steps: the
+# time integral over a part of one.
 LOWER, UPPER = 0, 1
+OF_PART = 2
 
 # Dormand and Prince (J. Comput. Appl. Math. 6 (1980) 19).
 A = np.array(
@@ -173,6 +190,9 @@ B_LOW = np.array([5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187
 E1, E3, E4, E5, E6, E7 = (float(x) for x in (np.append(A[5], 0.0) - B_LOW)[[0, 2, 3, 4, 5, 6]])
 # Weights of the time integral of the column: sum over stages of b_s a_sl.
 I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
+# Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
+D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
+D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
 
 
 # --- the compact column --------------------------------------------------------------------------
@@ -190,8 +210,8 @@ def active_column(buffer, at):
 
 @viewing
 def block(buffer, at, index):
-    """A block as one vector: row 0 is what passed, then the loads of the layers."""
-    rows = int(buffer[N_LAYERS]) + 1
+    """A block as one vector: what passed, the loads of the layers, the share of the top one."""
+    rows = int(buffer[N_LAYERS]) + 2
     start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
     return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
 
@@ -199,7 +219,7 @@ def block(buffer, at, index):
 @viewing
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
-    rows = int(buffer[N_LAYERS]) + 1
+    rows = int(buffer[N_LAYERS]) + 2
     start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
     return view1(buffer, start, int(buffer[N_ACTIVE]))
 
@@ -207,9 +227,17 @@ def block_passed(buffer, at, index):
 @viewing
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
-    rows = int(buffer[N_LAYERS]) + 1
+    rows = int(buffer[N_LAYERS]) + 2
     start = int(buffer[at]) + index * rows * int(buffer[N_NODES]) + int(buffer[N_ACTIVE])
-    return view2(buffer, start, rows - 1, int(buffer[N_ACTIVE]))
+    return view2(buffer, start, rows - 2, int(buffer[N_ACTIVE]))
+
+
+@viewing
+def block_share(buffer, at, index, layers):
+    """Mass fractions of the top one of `layers` layers: the row above it in a block."""
+    rows = int(buffer[N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view1(buffer, start + (layers + 1) * int(buffer[N_ACTIVE]), int(buffer[N_ACTIVE]))
 
 
 @kernel
@@ -553,9 +581,12 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
 
     Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
-    above, layer by layer), landing on the top layer `moment` s after the start. The composition
-    of a top layer that runs out is that at the start of the step (`share_top`). Layers exchange
+    above, layer by layer), landing on the top layer `moment` s after the start. Layers exchange
     what they hold on the average, or with `bed.reconstruction` what they hold at the face.
+
+    What settles out of a top layer that runs out has a composition that is 0/0 at its end, so the
+    composition is followed beside the masses as x' = -percolation x + return flow, in the row above
+    them; where something lands, a thin top layer has that of the start of the step.
     """
     load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
     passing = block_passed(buffer, at_rate, rate)
@@ -569,33 +600,70 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     if layers > 2 and reconstructed(buffer):
         reconstruct(buffer, load, layers)
         lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    falling = follows_share(buffer, layers)
     passage_rates(buffer, scene, load, lower, layers, weight)
     for i in range(nodes):
         passing[i] = weight[i] * load[0, i]
         change[0, i] = -passing[i]
     lost = vector_sum(passing)
     full = scene[S_CONTACT_LOAD]
+    settling = lost / scene[S_LAYER_FULL]
     for j in range(1, layers):
-        upward = weighted_mass(lower, j, percolation, j) / full
-        full = scene[S_LAYER_FULL]
-        if j < layers - 1:
-            refill = lost / full
-        else:
-            refill = lost / top if top > THIN * full else -1.0
-        if refill >= 0.0:
+        if j < layers - 1 or (not falling and top > THIN * scene[S_LAYER_FULL]):
+            upward = weighted_mass(lower, j, percolation, j) / full
+            refill = settling if j < layers - 1 else lost / top
             for i in range(nodes):
                 flux = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
                 change[j, i] = -flux
                 change[j - 1, i] += flux
+        elif falling:
+            share = block_share(buffer, at_state, state, layers)
+            pace = block_share(buffer, at_rate, rate, layers)
+            upward = weighted_share(share, percolation, j) / full
+            for i in range(nodes):
+                moved = percolation[j, i] * share[i] - upward * upper[j - 1, i]
+                flux = top * moved + lost * share[i]
+                pace[i] = -moved
+                change[j, i] = -flux
+                change[j - 1, i] += flux
         else:
-            share = active_vector(buffer, AT_NODE_WORK, 3)
+            share = block_share(buffer, AT_STAGE, NOW, layers)
+            upward = weighted_mass(lower, j, percolation, j) / full
             for i in range(nodes):
                 flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i] + lost * share[i]
                 change[j, i] = -flux
                 change[j - 1, i] += flux
+        full = scene[S_LAYER_FULL]
     land(buffer, change, layers - 1, moment)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
     return lost
+
+
+@kernel
+def follows_share(buffer, layers):
+    """Whether the composition of the top layer is followed beside its masses."""
+    return layers > 1 and buffer[N_SOURCE] == 0.0
+
+
+@kernel
+def weighted_share(share, weight, row):
+    """Sum over the sizes of weight times mass fraction."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = share.size - share.size % 4
+    for i in range(0, whole, 4):
+        a += share[i] * weight[row, i]
+        b += share[i + 1] * weight[row, i + 1]
+        c += share[i + 2] * weight[row, i + 2]
+        d += share[i + 3] * weight[row, i + 3]
+    for i in range(whole, share.size):
+        a += share[i] * weight[row, i]
+    return (a + b) + (c + d)
+
+
+@kernel
+def rows_followed(buffer, layers):
+    """Length of the part of a block that a scheme advances."""
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[N_ACTIVE])
 
 
 @kernel
@@ -630,8 +698,8 @@ def vector_sum(values):
 
 @kernel
 def keep_top_share(buffer, layers):
-    """Remember the composition of the top layer at the start of a step."""
-    share = active_vector(buffer, AT_NODE_WORK, 3)
+    """Composition of the top layer at the start of a step."""
+    share = block_share(buffer, AT_STAGE, NOW, layers)
     load = block_load(buffer, AT_STAGE, NOW)
     top = layer_mass(load, layers - 1)
     below = max(0, layers - 2)
@@ -671,8 +739,11 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, AT_STAGE, NOW)
     for n in range(nodes):
         missing[n] = 0.0
+    straight = places_kept(place)
     for j in range(before):
-        for i in range(load.shape[1]):
+        for i in range(straight):
+            missing[i] += load[j, i]
+        for i in range(straight, load.shape[1]):
             n = int(place[i])
             if n >= 0:
                 missing[n] += load[j, i]
@@ -797,16 +868,16 @@ def integrate_stages(buffer, h, size):
 
 
 @kernel
-def take_explicit(buffer, size, last_rates):
+def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
     debts = 0
-    for i in range(size):
+    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
         y[i] = new[i]
         debts += 1 if new[i] < 0.0 else 0
     if last_rates:
         k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
-        for i in range(size):
+        for i in range(rows_followed(buffer, layers)):
             k1[i] = k7[i]
     return debts == 0
 
@@ -814,7 +885,7 @@ def take_explicit(buffer, size, last_rates):
 @inlined
 def pair_step(buffer, scene, layers, h, moment):
     """Try a step of the explicit pair of order 5; returns its error, a part of what was fed."""
-    size = (layers + 1) * int(buffer[N_ACTIVE])
+    size = rows_followed(buffer, layers)
     for stage in range(2, 8):
         stage_value(buffer, stage, h, size)
         at = moment + C[stage - 2] * h
@@ -847,7 +918,7 @@ def third_order_stage(buffer, stage, h, size):
 @inlined
 def positive_step(buffer, scene, layers, h, moment):
     """Try a step of order 3 with four stages; returns its error, a part of what was fed."""
-    size = (layers + 1) * int(buffer[N_ACTIVE])
+    size = rows_followed(buffer, layers)
     for stage in range(2, 5):
         third_order_stage(buffer, stage, h, size)
         at = moment + (h if stage == 3 else 0.5 * h)
@@ -918,7 +989,7 @@ def stages_for(spread):
 @inlined
 def stabilised_step(buffer, scene, layers, h, stages, moment):
     """Try a step of order 2 with `stages` stages; returns its error, a part of what was fed."""
-    size = (layers + 1) * int(buffer[N_ACTIVE])
+    size = rows_followed(buffer, layers)
     w0 = 1.0 + DAMPING / (stages * stages)
     # T_s, T_s' and T_s'' at w0
     root = sqrt(w0 * w0 - 1.0)
@@ -1058,11 +1129,11 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = block(buffer, AT_STAGE, NOW)
     state, time = block(buffer, AT_TRIAL, 2 * k), block(buffer, AT_TRIAL, 2 * k + 1)
-    for i in range((rows + 1) * int(buffer[N_ACTIVE])):
-        state[i] = now[i]
+    nodes = int(buffer[N_ACTIVE])
+    for i in range((rows + 1) * nodes):
+        # What passed counts from here; above the loads lies the share of the top layer.
+        state[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
         time[i] = 0.0
-    for i in range(int(buffer[N_ACTIVE])):
-        state[i] = 0.0
     layers_for(buffer, scene, bed_load(block_load(buffer, AT_STAGE, NOW), layers))
     part = h / (k + 1)
     for n in range(k + 1):
@@ -1216,6 +1287,114 @@ def trial_cost(order):
     return 1.0 + 0.5 * order * (order + 1)
 
 
+# --- parts of a trajectory -----------------------------------------------------------------------
+@kernel
+def begin_parts(buffer, count, start):
+    """Want the means over `count` parts of a trajectory, the first of which begins at `start` s."""
+    buffer[N_PARTS], buffer[PART], buffer[PARTS_FROM] = count, 0.0, start
+
+
+@kernel
+def time_in_part(buffer, moment, left):
+    """Time until the part at hand begins or ends, at most what is left, s."""
+    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
+    until = ends[int(buffer[PART])] - moment
+    if moment < buffer[PARTS_FROM]:
+        until = buffer[PARTS_FROM] - moment
+    return min(left, until) if until > 0.0 else left
+
+
+@kernel
+def add_step_to_parts(buffer, layers, h, moment, scheme):
+    """Add an explicit step of h s from NOW to STAGED, not yet taken, to the parts that it meets.
+
+    Within the step the column is the polynomial of its scheme, of order 4, 3 or 2:
+    y + t d + t(1-t)(h k1 - d) + t^2(1-t)(2 d - h k1 - h k7) + t^2(1-t)^2 r, with d = STAGED - y.
+    """
+    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
+    begin = buffer[PARTS_FROM] if buffer[PART] == 0.0 else ends[int(buffer[PART]) - 1]
+    while buffer[PART] < buffer[N_PARTS] and begin < moment + h:
+        end = ends[int(buffer[PART])]
+        a, b = max(0.0, (begin - moment) / h), min(1.0, (end - moment) / h)
+        if b > a:
+            part_of_step(buffer, layers, h, a, b, scheme)
+            give_to_part(buffer, layers, h * (b - a))
+        if end > moment + h:
+            return
+        begin = end
+        buffer[PART] += 1.0
+
+
+@kernel
+def part_of_step(buffer, layers, h, a, b, scheme):
+    """Time integral of an explicit step from a h to b h, into block OF_PART."""
+    first, second, third = b - a, (b * b - a * a) / 2.0, (b * b * b - a * a * a) / 3.0
+    fourth = (b * b * b * b - a * a * a * a) / 4.0
+    fifth = (b * b * b * b * b - a * a * a * a * a) / 5.0
+    bend = 0.0 if scheme == POSITIVE else third - fourth
+    more = third - 2.0 * fourth + fifth if scheme == PAIR else 0.0
+    near = second - third
+    g, gd = h * first, h * (second - near + 2.0 * bend)
+    g1, g7, gr = h * h * (near - bend), -h * h * bend, h * h * more
+    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
+    out = block(buffer, AT_TRIAL, OF_PART)
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    for i in range(size):
+        out[i] = g * y[i] + gd * (new[i] - y[i]) + g1 * k1[i]
+    if bend > 0.0:
+        for i in range(size):
+            out[i] += g7 * k7[i]
+    if more > 0.0:
+        k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+        k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
+        r1, r3, r4, r5, r6, r7 = gr * D1, gr * D3, gr * D4, gr * D5, gr * D6, gr * D7
+        for i in range(size):
+            one = r1 * k1[i] + r3 * k3[i] + r4 * k4[i]
+            out[i] += one + (r5 * k5[i] + r6 * k6[i] + r7 * k7[i])
+
+
+@kernel
+def add_integral_to_part(buffer, rows, h, moment):
+    """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
+    if moment < buffer[PARTS_FROM]:
+        return
+    before, total = block(buffer, AT_STAGE, K2), block(buffer, AT_STAGE, INTEGRAL)
+    out = block(buffer, AT_TRIAL, OF_PART)
+    for i in range((rows + 1) * int(buffer[N_ACTIVE])):
+        out[i] = total[i] - before[i]
+    give_to_part(buffer, rows, h)
+    part = int(buffer[PART])
+    if moment + h >= vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)[part]:
+        buffer[PART] += 1.0
+
+
+@kernel
+def give_to_part(buffer, rows, duration):
+    """Add block OF_PART, the integral over `duration` s, to the part at hand."""
+    part, nodes = int(buffer[PART]), int(buffer[N_NODES])
+    whole = int(vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)[part])
+    load, passed = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_PART_PASSED, part)
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    gone, held = block_passed(buffer, AT_TRIAL, OF_PART), block_load(buffer, AT_TRIAL, OF_PART)
+    straight = places_kept(place)
+    for i in range(straight):
+        passed[i] += duration * flux[i] + share[i] * gone[i]
+    for i in range(straight, nodes):
+        passed[i] += duration * flux[i]
+        n = int(place[i])
+        if n >= 0:
+            passed[i] += share[i] * gone[n]
+    for j in range(rows):
+        for i in range(straight):
+            load[j, i] += share[i] * held[j, i]
+        for i in range(straight, nodes):
+            n = int(place[i])
+            if n >= 0:
+                load[j, i] += share[i] * held[j, n]
+
+
 # --- steps ---------------------------------------------------------------------------------------
 @kernel
 def allowance(buffer, scene, book, h):
@@ -1245,6 +1424,14 @@ def time_to_pass(mass, rate, slope):
 
 
 @kernel
+def miss_of(buffer, layers, growth):
+    """Part of a full layer by which a step may miss the moment of a kink."""
+    if layers > 1 and growth < 0.0:
+        return max(LANDING, MISS * vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE])
+    return LANDING
+
+
+@kernel
 def mass_to_kink(buffer, scene, load, layers, growth):
     """Mass that the top layer loses or gains until the rates have a kink, kg/m2; 0: none ahead.
 
@@ -1257,7 +1444,7 @@ def mass_to_kink(buffer, scene, load, layers, growth):
     else:
         full = scene[S_CONTACT_LOAD]
         distance = mass - full if growth < 0.0 else full - mass
-    return distance if distance > LANDING * full else 0.0
+    return distance if distance > miss_of(buffer, layers, growth) * full else 0.0
 
 
 @kernel
@@ -1267,7 +1454,7 @@ def settle_top(buffer, scene, layers, growth):
     nodes = load.shape[1]
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
     mass = layer_mass(load, layers - 1)
-    if layers > 1 and growth < 0.0 and mass <= LANDING * full:
+    if layers > 1 and growth < 0.0 and mass <= miss_of(buffer, layers, growth) * full:
         for i in range(nodes):
             load[layers - 2, i] += load[layers - 1, i]
             load[layers - 1, i] = 0.0
@@ -1374,12 +1561,15 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         )
         stiff = not explicit or fastest * left >= STIFF
         if not deep and (linear or not stiff):
-            h, ended = explicit_length(
+            h, scheme = explicit_length(
                 buffer, scene, book, layers, left, kink, fastest, moment, shortest
             )
             counter[C_COLUMN_STEPS] += 1
             before = growth
-            paid = take_explicit(buffer, (layers + 1) * int(buffer[N_ACTIVE]), ended)
+            if buffer[PART] < buffer[N_PARTS]:
+                add_step_to_parts(buffer, layers, h, moment, scheme)
+            ended = scheme != POSITIVE  # with its last rates at its end
+            paid = take_explicit(buffer, layers, ended)
             if not paid:
                 carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
                 if linear:  # faces have debts in any layer: fill those that paid
@@ -1388,10 +1578,18 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             fresh = ended and paid
             keep_top_share(buffer, layers)
         else:
-            h = implicit_length(buffer, scene, book, layers, left, kink, moment, shortest)
+            until = left
+            if buffer[PART] < buffer[N_PARTS]:
+                until = time_in_part(buffer, moment, left)
+                before_sum, sums = block(buffer, AT_STAGE, K2), block(buffer, AT_STAGE, INTEGRAL)
+                for i in range(sums.size):
+                    before_sum[i] = sums[i]
+            h = implicit_length(buffer, scene, book, layers, until, kink, moment, shortest)
             counter[C_COLUMN_STEPS] += 1
             rows = int(book[D_ROWS])
             layers = take_implicit(buffer, scene, rows, h)
+            if buffer[PART] < buffer[N_PARTS]:
+                add_integral_to_part(buffer, rows, h, moment)
             most = max(most, rows)
             if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
                 book[D_CAPACITY_ALARM] = 1.0
@@ -1433,14 +1631,14 @@ def choose_scheme(buffer, book, fastest, left, gain):
         most = STABLE / fastest if fastest > 0.0 else left
         scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else 0.5 * most, most)
     # Steps of one length to the end.
-    return scheme, left / max(1.0, ceil(left / h - 0.01))
+    return scheme, left / max(1.0, ceil(left / h - SLACK))
 
 
 @inlined
 def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, shortest):
     """Find the length of an explicit step that meets the tolerance, its stages done.
 
-    Returns the length [s], and whether the last stage lies at its end.
+    Returns the length [s] and the scheme.
     """
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
@@ -1448,7 +1646,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
     growth = top_growth(buffer, layers)
     distance = mass_to_kink(buffer, scene, load, layers, growth)
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
-    mass = layer_mass(load, layers - 1)
+    mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
     margin = margins(buffer)
     gain = sqrt(ERROR_STABILISED / ERROR_POSITIVE * margin[POSITIVE] / margin[STABILISED])
     scheme, h = choose_scheme(buffer, book, fastest, left, gain)
@@ -1465,6 +1663,20 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             error = positive_step(buffer, scene, layers, h, moment) / allowed
         else:
             error = pair_step(buffer, scene, layers, h, moment) / allowed
+        moved = abs(layer_mass(staged, layers - 1) - mass)
+        if distance > 0.0 and moved > distance + miss * full and landings < 8:
+            # Past a kink, which is most of the error: end the step there.
+            at, part = (K4, 0.5) if scheme == POSITIVE else (K7, 1.0)
+            after = abs(layer_mass(block_load(buffer, AT_STAGE, at), layers - 1))
+            slope = (after - abs(growth)) / (part * h)
+            again = time_to_pass(distance, abs(growth), slope)
+            straight = h * distance / moved
+            straight = again if 0.5 * straight < again < min(h, 2.0 * straight) else straight
+            h = max(straight, LEAST_LANDING * h)
+            landings += 1
+            counter[C_LANDINGS] += 1
+            cut = True
+            continue
         root = sqrt(max(error, 1e-10))
         fit = h * min(5.0, max(0.2, 0.85 / (sqrt(root) if scheme == PAIR else root)))
         if error > 1.0 and h > shortest:
@@ -1474,19 +1686,6 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             continue
         if error > 1.0:
             counter[C_COLUMN_FORCED] += 1
-        moved = abs(layer_mass(staged, layers - 1) - mass)
-        if distance > 0.0 and moved > distance + LANDING * full and landings < 8:
-            # Past a kink: end the step there.
-            at, part = (K4, 0.5) if scheme == POSITIVE else (K7, 1.0)
-            after = abs(layer_mass(block_load(buffer, AT_STAGE, at), layers - 1))
-            slope = (after - abs(growth)) / (part * h)
-            again = time_to_pass(distance, abs(growth), slope)
-            straight = h * distance / moved
-            h = again if 0.5 * straight < again < min(h, 2.0 * straight) else straight
-            landings += 1
-            counter[C_LANDINGS] += 1
-            cut = True
-            continue
         if scheme == STABILISED:
             integrate_ends(buffer, h, size)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
@@ -1504,7 +1703,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             error = max(error / allowed, 1e-10)
             book[D_WIDE] = h * min(MOST_WIDER, 0.85 / sqrt(error))
             counter[C_PAIR_STEPS] += 1
-        return h, scheme != POSITIVE
+        return h, scheme
 
 
 @kernel

@@ -40,9 +40,10 @@ def gaudin(size, fraction, scene, probability):
     """Gaudin: P = phi (1 - d/a)^2 for d < a, else 0 (paper, eq. 5)."""
     aperture = scene[S_APERTURE]
     open_area = scene[S_OPEN_AREA]
+    scale = open_area / (aperture * aperture)
     for i in range(size.size):
-        free = max(0.0, 1.0 - size[i] / aperture)
-        probability[i] = open_area * free * free
+        free = max(0.0, aperture - size[i])
+        probability[i] = scale * free * free
 
 
 @kernel

@@ -140,18 +140,21 @@ def exchange(size, load, layers, scene, contact, percolation):
     below, r_j and phi_j from its own mean grain radius and the dilation.
     """
     well_mixed(size, load, layers, scene, contact, percolation)
+    pace = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY]
+    dilation = scene[S_DILATION]
+    whole = 1.0 / scene[S_LAYER_FULL]
     fill_below = layer_mass(load, 0) / scene[S_CONTACT_LOAD]
     for j in range(1, layers):
         mass = layer_mass(load, j)
-        fill = mass / scene[S_LAYER_FULL]
-        radius = 0.5 * size_moment(load, j, size) / mass if mass > 0.0 else 0.0
-        opening = 2.0 * gap_radius(radius, scene[S_DILATION])
-        flux = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY] * min(1.0, fill, fill_below)
-        rate = flux * gap_open_area(radius, scene[S_DILATION]) / mass if mass > 0.0 else 0.0
-        inverse = 1.0 / opening if opening > 0.0 else 0.0
-        rate = rate if opening > 0.0 else 0.0
+        fill = mass * whole
+        inverse = 1.0 / mass if mass > 0.0 else 0.0
+        radius = 0.5 * size_moment(load, j, size) * inverse
+        opening = 2.0 * gap_radius(radius, dilation)
+        # rate (1 - d/opening)^2 with the division by opening^2 before the loop
+        rate = pace * min(1.0, fill, fill_below) * gap_open_area(radius, dilation) * inverse
+        rate = rate / (opening * opening) if opening > 0.0 else 0.0
         for i in range(size.size):
-            free = max(0.0, 1.0 - size[i] * inverse)
+            free = max(0.0, opening - size[i])
             percolation[j, i] = rate * free * free
         fill_below = fill
 

@@ -22,6 +22,7 @@ from vibroscreen.kernels.deck import (
     depth_at_feed,
     held_by_node,
     join_queue,
+    part_cohorts,
     start_cohort,
 )
 from vibroscreen.kernels.displacement import (
@@ -574,15 +575,38 @@ def prepare(buffer, fresh):
         return ACCEPTED
     if fed and now[motion_part(buffer)] > 0.0:
         spread_feed(buffer)
+    alike = not moved or same_rates(buffer, now, last)
     for k in range(size):
         last[k] = now[k]
     scalars(buffer, AT_MEMORY, len(MEMORY))[M_SETTLED] = 0.0
     for deck in range(int(buffer[N_DECKS])):
         join_queue(buffer, deck)
+        if not alike:
+            part_cohorts(buffer, deck)
     if moved:
         keep_scenes(buffer)
     start_cohort(buffer, 0, now[motion_part(buffer)])
     return ACCEPTED
+
+
+@inlined
+def same_rates(buffer, now, last):
+    """Whether nothing changed but how the bed is conveyed: a column goes on as it would have."""
+    inputs = len(INPUT) - 1
+    if differ(now, last, inputs, inputs + len(PARAMETER)):
+        return False
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
+    law, model = parameter[PASSAGE_LAW], parameter[SEGREGATION_MODEL]
+    ends = S_RIM if law < BOUNCE else S_DISSIPATION
+    if law > BOUNCE or model > CLASSIFIED:
+        ends = FIXED_SCENE
+    for deck in range(int(buffer[N_DECKS])):
+        for number in range(panel_count(buffer, deck)):
+            scene = scene_vector(buffer, AT_SCENE_NOW, deck, number)
+            used = scene_vector(buffer, AT_SCENE, deck, number)
+            if differ(scene, used, 0, ends):
+                return False
+    return True
 
 
 @inlined
