@@ -64,6 +64,7 @@ from vibroscreen.kernels.layout import (
     D_COHORT_FRONT,
     D_COHORT_ON,
     D_COVERED,
+    D_FIRST_PACE,
     D_KNOT,
     D_KNOTS,
     D_LEAD_LAYERS,
@@ -104,7 +105,14 @@ from vibroscreen.kernels.layout import (
     slot,
     vector,
 )
-from vibroscreen.kernels.package import bed_load, begin_parts, clear_sums, integrate, restack
+from vibroscreen.kernels.package import (
+    bed_load,
+    begin_parts,
+    carry_debts,
+    clear_sums,
+    integrate,
+    restack,
+)
 from vibroscreen.kernels.place import (
     cell_count,
     cell_end,
@@ -1007,6 +1015,121 @@ def advance_lead(buffer, deck, duration):
 
 
 @kernel
+def cells_ahead(buffer, deck, duration):
+    """Want the means over the cells that the slice covers in `duration` s, within its panel.
+
+    Each becomes a part of its trajectory, also a last one that it does not finish. Returns the time
+    it takes, s, and whether the last one is finished.
+    """
+    book = deck_vector(buffer, deck)
+    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
+    slots = vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)
+    cell, panel = package_vector(buffer, AT_CELL, deck), int(book[D_LEAD_PANEL])
+    count, taken, finished = 0, 0.0, True
+    while finished and taken < duration and int(book[D_CELLS]) < cell_count(buffer, deck):
+        done = int(book[D_CELLS])
+        if cell_panel(buffer, deck, done) != panel:
+            break
+        target = cell_end(buffer, AT_SCENE, deck, done)
+        until = max(0.0, target - book[D_COHORT_FRONT])
+        finished = until <= duration or book[D_COHORT_FRONT] + duration >= target
+        taken = max(taken, min(until, duration))
+        index = new_slot(buffer, deck)
+        package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
+        passed = node_vector(buffer, AT_PART_PASSED, count)
+        for i in range(passed.size):
+            passed[i] = 0.0
+        ends[count], slots[count] = taken, slot(buffer, deck, index)
+        count += 1
+        cell[done] = index
+        book[D_CELLS] += 1.0
+    begin_parts(buffer, count, 0.0)
+    return taken, finished
+
+
+@kernel
+def advance_over_cells(buffer, deck, duration):
+    """Advance the leading slice of the top deck over cells, with one integration for all of them.
+
+    As `advance_lead`, but within its panel; returns the time it took, s.
+    """
+    book = deck_vector(buffer, deck)
+    before = int(book[D_CELLS])
+    taken, finished = cells_ahead(buffer, deck, duration)
+    scene = scene_vector(buffer, AT_SCENE, deck, int(book[D_LEAD_PANEL]))
+    lead, fed = column(buffer, AT_LEAD, deck), node_vector(buffer, AT_LEAD_FEED, deck)
+    if book[D_PACE] == 0.0 and book[D_COHORT_FRONT] == 0.0:
+        book[D_PACE] = book[D_FIRST_PACE]
+    buffer[RECORDED] = 1.0 if deck + 1 < int(buffer[N_DECKS]) else 0.0
+    buffer[RECORDED_FROM] = place_after(buffer, AT_SCENE, deck, book[D_COHORT_FRONT])
+    layers = int(book[D_LEAD_LAYERS])
+    book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, layers, taken)
+    buffer[RECORDED] = 0.0
+    begin_parts(buffer, 0, 0.0)
+    last = int(book[D_CELLS]) - 1
+    begin = 0.0
+    for done in range(before, last + 1):
+        begin = collect_cell(buffer, deck, done, done - before, begin)
+        if done < last:
+            end_cell(buffer, deck, done)
+    passed, gone = (
+        node_vector(buffer, AT_COLUMN_FLUX, 0),
+        node_vector(buffer, AT_LEAD_PASSED, deck),
+    )
+    velocity, first = (
+        panel_velocity(buffer, AT_SCENE, deck, int(book[D_LEAD_PANEL])),
+        panel_velocity(buffer, AT_SCENE, deck, 0),
+    )
+    for i in range(passed.size):
+        gone[i] += velocity / first * passed[i]
+    if finished:
+        book[D_COHORT_FRONT] = cell_end(buffer, AT_SCENE, deck, last)
+        end_cell(buffer, deck, last)
+    else:
+        book[D_COHORT_FRONT] += taken
+        book[D_CELLS] -= 1.0
+    return taken
+
+
+@kernel
+def collect_cell(buffer, deck, cell, part, begin):
+    """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
+    book = deck_vector(buffer, deck)
+    index = int(package_vector(buffer, AT_CELL, deck)[cell])
+    end = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)[part]
+    load, partial = (
+        column(buffer, AT_LOAD, slot(buffer, deck, index)),
+        column(buffer, AT_PARTIAL, deck),
+    )
+    time, before = (
+        node_vector(buffer, AT_PART_PASSED, part),
+        node_vector(buffer, AT_LEAD_PASSED, deck),
+    )
+    undersize, fallen = (
+        node_vector(buffer, AT_STEP_MASS, deck),
+        node_vector(buffer, AT_FALL_COHORT, deck),
+    )
+    collected = node_vector(buffer, AT_PARTIAL_PASSED, deck)
+    panel = panel_of(buffer, deck, index)
+    velocity, first = (
+        panel_velocity(buffer, AT_SCENE, deck, panel),
+        panel_velocity(buffer, AT_SCENE, deck, 0),
+    )
+    rows, width = int(book[D_ROWS]), deck_width(buffer, deck)
+    carry_debts(time, load, rows)
+    for i in range(time.size):
+        along = first * before[i] * (end - begin) + velocity * time[i]
+        collected[i] += along
+        undersize[i] += width * along
+        fallen[i] += width * along
+        for j in range(rows):
+            partial[j, i] += velocity * load[j, i]
+            load[j, i] = 0.0
+    book[D_PARTIAL_LAYERS] = max(book[D_PARTIAL_LAYERS], rows)
+    return end
+
+
+@kernel
 def cross_lead(buffer, deck):
     """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
     book = deck_vector(buffer, deck)
@@ -1057,36 +1180,63 @@ def time_to_cover(buffer, deck):
 def grow_cohort(buffer, deck, duration):
     """Advance the front of the cohort, cell by cell, until it covers the deck."""
     book = deck_vector(buffer, deck)
-    cells = cell_count(buffer, deck)
-    celled = in_cells(buffer, deck)
     left = duration
     while left > 0.0 and book[D_COVERED] == 0.0:
-        done = int(book[D_CELLS])
-        target = residence_time(buffer, AT_SCENE, deck)
-        if celled:
-            target = cell_end(buffer, AT_SCENE, deck, done)
-        until = max(0.0, target - book[D_COHORT_FRONT])
-        step = min(left, until)
-        if celled and step > 0.0:
-            advance_lead(buffer, deck, step)
-        if until > left and book[D_COHORT_FRONT] + left < target:
-            book[D_COHORT_FRONT] += left
+        if not in_cells(buffer, deck):
+            left -= grow_empty(buffer, deck, left)
+        elif deck == 0:
+            left -= advance_over_cells(buffer, deck, left)
         else:
-            book[D_COHORT_FRONT] = target
-            if celled:
-                index = new_slot(buffer, deck)
-                panel = cell_panel(buffer, deck, done)
-                package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
-                finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
-                package_vector(buffer, AT_CELL, deck)[done] = index
-                book[D_CELLS] += 1.0
-                if done + 1 < cells and cell_panel(buffer, deck, done + 1) != panel:
-                    cross_lead(buffer, deck)
-            if not celled or done + 1 == cells:
-                book[D_COVERED] = 1.0
-        left -= step
+            left -= grow_cell(buffer, deck, left)
     if left > 0.0:
         stream_of_covered_deck(buffer, deck, left)
+
+
+@inlined
+def grow_empty(buffer, deck, duration):
+    """Advance the front of a cohort without feed; returns the time it took, s."""
+    book = deck_vector(buffer, deck)
+    target = residence_time(buffer, AT_SCENE, deck)
+    until = max(0.0, target - book[D_COHORT_FRONT])
+    if until > duration and book[D_COHORT_FRONT] + duration < target:
+        book[D_COHORT_FRONT] += duration
+        return duration
+    book[D_COHORT_FRONT], book[D_COVERED] = target, 1.0
+    return min(until, duration)
+
+
+@inlined
+def grow_cell(buffer, deck, duration):
+    """Advance the front of a lower deck's cohort within a cell; returns the time it took, s."""
+    book = deck_vector(buffer, deck)
+    done = int(book[D_CELLS])
+    target = cell_end(buffer, AT_SCENE, deck, done)
+    until = max(0.0, target - book[D_COHORT_FRONT])
+    step = min(duration, until)
+    if step > 0.0:
+        advance_lead(buffer, deck, step)
+    if until > duration and book[D_COHORT_FRONT] + duration < target:
+        book[D_COHORT_FRONT] += duration
+        return step
+    book[D_COHORT_FRONT] = target
+    index = new_slot(buffer, deck)
+    package_vector(buffer, AT_ON_PANEL, deck)[index] = cell_panel(buffer, deck, done)
+    package_vector(buffer, AT_CELL, deck)[done] = index
+    book[D_CELLS] += 1.0
+    end_cell(buffer, deck, done)
+    return step
+
+
+@kernel
+def end_cell(buffer, deck, cell):
+    """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
+    panel = cell_panel(buffer, deck, cell)
+    index = int(package_vector(buffer, AT_CELL, deck)[cell])
+    finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
+    if cell + 1 == cell_count(buffer, deck):
+        deck_vector(buffer, deck)[D_COVERED] = 1.0
+    elif cell_panel(buffer, deck, cell + 1) != panel:
+        cross_lead(buffer, deck)
 
 
 # --- the top deck over one step ------------------------------------------------------------------

@@ -213,6 +213,8 @@ DECK = (
     "pace",
     "wide",
     "rows",
+    "landed",
+    "first_pace",
     "share",
     "capacity_alarm",
 )
@@ -236,6 +238,8 @@ DECK = (
     D_PACE,
     D_WIDE,
     D_ROWS,
+    D_LANDED,
+    D_FIRST_PACE,
     D_SHARE,
     D_CAPACITY_ALARM,
 ) = range(len(DECK))

@@ -59,6 +59,8 @@ from vibroscreen.kernels.layout import (
     C_USED_UP_SKIPPED,
     COUNTER,
     D_CAPACITY_ALARM,
+    D_FIRST_PACE,
+    D_LANDED,
     D_ORDER,
     D_PACE,
     D_ROWS,
@@ -125,6 +127,8 @@ LANDING = 1e-6
 # A layer that runs out may be missed by this part of the tolerance, if that is more: what is left
 # of it joins the layer below, which is the top one then and need not be full.
 MISS = 0.1
+# A step that should end where a layer runs out goes on for so much of what is expected.
+PAST = 1.2
 # A step that went past such a moment is shortened to no less than this part of it at once.
 LEAST_LANDING = 0.1
 # A part of `tolerance` that a step may always use, however short it is.
@@ -148,7 +152,7 @@ STIFF = 3000.0
 # fastest rate.
 DAMPING = 2.0 / 13.0
 MOST_STAGES = 60
-FIRST = 1.0
+FIRST = 0.8
 # Schemes. An error of third order decides: where the step that it allows, times the fastest rate,
 # is wide, many cheap stages are best; where it is short, high order is.
 PAIR, POSITIVE, STABILISED = range(3)
@@ -1062,6 +1066,101 @@ def integrate_ends(buffer, h, size):
         total[i] += half * (y[i] + new[i]) + twelfth * (k1[i] - k7[i])
 
 
+# --- within a step -------------------------------------------------------------------------------
+# With d = STAGED - y the column at the part t of an explicit step is, to order 4, 3 or 2,
+#   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
+# without the last term for the stabilised scheme, and the last two for the positive one.
+@kernel
+def value_in_step(buffer, layers, h, t, scheme):
+    """Column at the part t of an explicit step that is not yet taken, into block OF_PART."""
+    bend = 0.0 if scheme == POSITIVE else t * t * (1.0 - t)
+    more = t * t * (1.0 - t) * (1.0 - t) if scheme == PAIR else 0.0
+    combine_step(buffer, layers, h, 1.0, t, t * (1.0 - t), bend, more)
+
+
+@kernel
+def integral_in_step(buffer, layers, h, a, b, scheme):
+    """Time integral of an explicit step from a h to b h, into block OF_PART."""
+    first, second, third = b - a, (b * b - a * a) / 2.0, (b * b * b - a * a * a) / 3.0
+    fourth = (b * b * b * b - a * a * a * a) / 4.0
+    fifth = (b * b * b * b * b - a * a * a * a * a) / 5.0
+    bend = 0.0 if scheme == POSITIVE else h * (third - fourth)
+    more = h * (third - 2.0 * fourth + fifth) if scheme == PAIR else 0.0
+    combine_step(buffer, layers, h, h * first, h * second, h * (second - third), bend, more)
+
+
+@kernel
+def combine_step(buffer, layers, h, start, whole, near, bend, more):
+    """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
+    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
+    out = block(buffer, AT_TRIAL, OF_PART)
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
+    for i in range(size):
+        out[i] = start * y[i] + gd * (new[i] - y[i]) + g1 * k1[i]
+    if bend > 0.0:
+        for i in range(size):
+            out[i] += g7 * k7[i]
+    if more > 0.0:
+        k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
+        k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
+        g = h * more
+        r1, r3, r4, r5, r6, r7 = g * D1, g * D3, g * D4, g * D5, g * D6, g * D7
+        for i in range(size):
+            one = r1 * k1[i] + r3 * k3[i] + r4 * k4[i]
+            out[i] += one + (r5 * k5[i] + r6 * k6[i] + r7 * k7[i])
+
+
+@kernel
+def part_to_kink(buffer, layers, h, scheme, change):
+    """Part of an explicit step after which the top layer has changed by `change` kg/m2."""
+    row = layers - 1
+    d = layer_mass(block_load(buffer, AT_STAGE, STAGED), row)
+    d -= layer_mass(block_load(buffer, AT_STAGE, NOW), row)
+    first = h * layer_mass(block_load(buffer, AT_STAGE, K1), row) - d
+    second, third = 0.0, 0.0
+    if scheme != POSITIVE:
+        second = d - first - h * layer_mass(block_load(buffer, AT_STAGE, K7), row)
+    if scheme == PAIR:
+        third = D1 * layer_mass(block_load(buffer, AT_STAGE, K1), row)
+        third += D3 * layer_mass(block_load(buffer, AT_STAGE, K3), row)
+        third += D4 * layer_mass(block_load(buffer, AT_STAGE, K4), row)
+        third += D5 * layer_mass(block_load(buffer, AT_STAGE, K5), row)
+        third += D6 * layer_mass(block_load(buffer, AT_STAGE, K6), row)
+        third += D7 * layer_mass(block_load(buffer, AT_STAGE, K7), row)
+        third *= h
+    low, high, t = 0.0, 1.0, change / d
+    for _ in range(60):
+        left = 1.0 - t
+        value = t * (d + left * (first + t * (second + left * third))) - change
+        slope = d + (left - t) * first + t * (2.0 * left - t) * second
+        slope += 2.0 * t * left * (left - t) * third
+        if value * change > 0.0:
+            high = t
+        else:
+            low = t
+        again = t - value / slope if slope != 0.0 else low
+        if abs(again - t) <= 1e-12:
+            break
+        t = again if low < again < high else 0.5 * (low + high)
+    return t
+
+
+@kernel
+def land_in_step(buffer, layers, h, t, scheme):
+    """End a step that is not yet taken at its part t: its column and time integral."""
+    total, staged = block(buffer, AT_STAGE, INTEGRAL), block(buffer, AT_STAGE, STAGED)
+    out = block(buffer, AT_TRIAL, OF_PART)
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    integral_in_step(buffer, layers, h, 0.0, t, scheme)
+    for i in range(size):
+        total[i] += out[i]
+    value_in_step(buffer, layers, h, t, scheme)
+    for i in range(size):
+        staged[i] = out[i]
+
+
 # --- the implicit step, extrapolated -------------------------------------------------------------
 @kernel
 def upward_rates(load, down, layers, up):
@@ -1305,53 +1404,20 @@ def time_in_part(buffer, moment, left):
 
 
 @kernel
-def add_step_to_parts(buffer, layers, h, moment, scheme):
-    """Add an explicit step of h s from NOW to STAGED, not yet taken, to the parts that it meets.
-
-    Within the step the column is the polynomial of its scheme, of order 4, 3 or 2:
-    y + t d + t(1-t)(h k1 - d) + t^2(1-t)(2 d - h k1 - h k7) + t^2(1-t)^2 r, with d = STAGED - y.
-    """
+def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
+    """Add the first `taken` s of an explicit step of h, not yet taken, to the parts it meets."""
     ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
     begin = buffer[PARTS_FROM] if buffer[PART] == 0.0 else ends[int(buffer[PART]) - 1]
-    while buffer[PART] < buffer[N_PARTS] and begin < moment + h:
+    while buffer[PART] < buffer[N_PARTS] and begin < moment + taken:
         end = ends[int(buffer[PART])]
-        a, b = max(0.0, (begin - moment) / h), min(1.0, (end - moment) / h)
+        a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
-            part_of_step(buffer, layers, h, a, b, scheme)
+            integral_in_step(buffer, layers, h, a, b, scheme)
             give_to_part(buffer, layers, h * (b - a))
-        if end > moment + h:
+        if end > moment + taken:
             return
         begin = end
         buffer[PART] += 1.0
-
-
-@kernel
-def part_of_step(buffer, layers, h, a, b, scheme):
-    """Time integral of an explicit step from a h to b h, into block OF_PART."""
-    first, second, third = b - a, (b * b - a * a) / 2.0, (b * b * b - a * a * a) / 3.0
-    fourth = (b * b * b * b - a * a * a * a) / 4.0
-    fifth = (b * b * b * b * b - a * a * a * a * a) / 5.0
-    bend = 0.0 if scheme == POSITIVE else third - fourth
-    more = third - 2.0 * fourth + fifth if scheme == PAIR else 0.0
-    near = second - third
-    g, gd = h * first, h * (second - near + 2.0 * bend)
-    g1, g7, gr = h * h * (near - bend), -h * h * bend, h * h * more
-    y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
-    k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
-    out = block(buffer, AT_TRIAL, OF_PART)
-    size = (layers + 1) * int(buffer[N_ACTIVE])
-    for i in range(size):
-        out[i] = g * y[i] + gd * (new[i] - y[i]) + g1 * k1[i]
-    if bend > 0.0:
-        for i in range(size):
-            out[i] += g7 * k7[i]
-    if more > 0.0:
-        k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
-        k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
-        r1, r3, r4, r5, r6, r7 = gr * D1, gr * D3, gr * D4, gr * D5, gr * D6, gr * D7
-        for i in range(size):
-            one = r1 * k1[i] + r3 * k3[i] + r4 * k4[i]
-            out[i] += one + (r5 * k5[i] + r6 * k6[i] + r7 * k7[i])
 
 
 @kernel
@@ -1566,15 +1632,23 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             )
             counter[C_COLUMN_STEPS] += 1
             before = growth
+            landed = book[D_LANDED]
             if buffer[PART] < buffer[N_PARTS]:
-                add_step_to_parts(buffer, layers, h, moment, scheme)
-            ended = scheme != POSITIVE  # with its last rates at its end
+                add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
+            ended = scheme != POSITIVE and landed == 1.0  # with its last rates at its end
+            if landed < 1.0:
+                land_in_step(buffer, layers, h, landed, scheme)
+                h *= landed
             paid = take_explicit(buffer, layers, ended)
             if not paid:
                 carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
                 if linear:  # faces have debts in any layer: fill those that paid
                     layers = restack(buffer, scene, load, layers)
                     most = max(most, layers)
+            if landed < 1.0:
+                layers = settle_top(buffer, scene, layers, growth)
+                most = max(most, layers)
+                before = 0.0
             fresh = ended and paid
             keep_top_share(buffer, layers)
         else:
@@ -1638,7 +1712,8 @@ def choose_scheme(buffer, book, fastest, left, gain):
 def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, shortest):
     """Find the length of an explicit step that meets the tolerance, its stages done.
 
-    Returns the length [s] and the scheme.
+    Returns the length [s] and the scheme. A step may go past a kink: D_LANDED is the part of it
+    before that.
     """
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
@@ -1652,8 +1727,10 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
     scheme, h = choose_scheme(buffer, book, fastest, left, gain)
     cut = 0.0 < kink < h
     if cut:
-        h = kink
-    landings = 0
+        # A little further, where the rates go on smoothly: it ends at the kink all the same.
+        h = min(h, PAST * kink) if layers > 1 and growth < 0.0 else kink
+    landings, first = 0, book[D_WIDE] == 0.0 and buffer[N_PARTS] > 0.0
+    book[D_LANDED] = 1.0
     while True:
         allowed = margin[scheme] * allowance(buffer, scene, book, h)
         if scheme == STABILISED:
@@ -1665,20 +1742,17 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             error = pair_step(buffer, scene, layers, h, moment) / allowed
         moved = abs(layer_mass(staged, layers - 1) - mass)
         if distance > 0.0 and moved > distance + miss * full and landings < 8:
-            # Past a kink, which is most of the error: end the step there.
-            at, part = (K4, 0.5) if scheme == POSITIVE else (K7, 1.0)
-            after = abs(layer_mass(block_load(buffer, AT_STAGE, at), layers - 1))
-            slope = (after - abs(growth)) / (part * h)
-            again = time_to_pass(distance, abs(growth), slope)
-            straight = h * distance / moved
-            straight = again if 0.5 * straight < again < min(h, 2.0 * straight) else straight
-            h = max(straight, LEAST_LANDING * h)
-            landings += 1
+            # Past a kink: the step ends there, and is tried anew where its error came from that.
+            part = part_to_kink(buffer, layers, h, scheme, distance if growth > 0.0 else -distance)
             counter[C_LANDINGS] += 1
             cut = True
-            continue
+            if error > 1.0:
+                h *= max(part, LEAST_LANDING)
+                landings += 1
+                continue
+            book[D_LANDED] = part
         root = sqrt(max(error, 1e-10))
-        fit = h * min(5.0, max(0.2, 0.85 / (sqrt(root) if scheme == PAIR else root)))
+        fit = h * min(5.0, max(0.2, 0.93 / (sqrt(root) if scheme == PAIR else root)))
         if error > 1.0 and h > shortest:
             counter[C_COLUMN_REJECTED] += 1
             h = min(fit, 0.9 * h)
@@ -1686,19 +1760,25 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             continue
         if error > 1.0:
             counter[C_COLUMN_FORCED] += 1
+        landed = book[D_LANDED] < 1.0
         if scheme == STABILISED:
-            integrate_ends(buffer, h, size)
+            if not landed:
+                integrate_ends(buffer, h, size)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_STABILISED_STEPS] += 1
         elif scheme == POSITIVE:
-            integrate_positive(buffer, h, size)
+            if not landed:
+                integrate_positive(buffer, h, size)
             # Not bounded as its own next step is, which stability limits.
             fit = h / gain * min(MOST_WIDER, 0.85 / sqrt(max(error, 1e-10)))
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_POSITIVE_STEPS] += 1
         else:
-            integrate_stages(buffer, h, size)
+            if not landed:
+                integrate_stages(buffer, h, size)
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
+            if first:  # of a cohort: the next one begins with it
+                book[D_FIRST_PACE] = fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
             error = max(error / allowed, 1e-10)
             book[D_WIDE] = h * min(MOST_WIDER, 0.85 / sqrt(error))
