@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen import performance
-from vibroscreen.config import Deck, ScreenConfig
+from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.kernels.layout import Layout
@@ -26,6 +26,8 @@ Check = Callable[[int, Array, Layout], None]
 
 # Places along the deck at which a profile is given, ends included.
 PROFILE_POINTS = 65
+# What a steady state keeps of the buffer that it was found in.
+KEPT = ("scene", "step_mass", "class_mass", "hold_up_work")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,29 +68,75 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class SteadyResult:
-    """Steady state of a screen.
+    """Steady state of a screen under a feed: streams in kg/s, recovery, hold-up, profiles.
 
-    recovery[class]: part of each class that reaches the undersize, 0 for a class that is not fed;
-    undersize (through the lowest deck), oversize (over the top deck), intermediate (over each deck
-    below it): streams in kg/s; transport_velocity in m/s and residence_time in s of the top deck;
-    hold_up in kg on all decks, deck_hold_up on each. The partition over the engine's own nodes, the
-    profiles and the tables are computed when they are read.
+    Whatever is asked for is computed from what the engine left when it is read.
     """
 
     config: ScreenConfig
     feed: Feed
-    recovery: Array
-    undersize: Stream
-    oversize: Stream
-    intermediate: tuple[Stream, ...]
-    transport_velocity: float
-    residence_time: float
-    deck_hold_up: tuple[float, ...]
     _nodes: Nodes = field(repr=False)
-    _fine: Array = field(repr=False)
-    _between: Array = field(repr=False)
-    _coarse: Array = field(repr=False)
-    _march: Callable[[int], tuple[Profile, ...]] = field(repr=False)
+    _kept: Mapping[str, Array] = field(repr=False)
+    _march: Callable[[Mapping[str, Array], int], tuple[Profile, ...]] = field(repr=False)
+
+    @cached_property
+    def recovery(self) -> Array:
+        """Part of each class that reaches the undersize, 0 for a class that is not fed [1]."""
+        rates = self._kept["class_mass"][lay.UNDER :]
+        total = rates.sum(axis=0)
+        recovery: Array = np.divide(rates[0], total, out=np.zeros(total.size), where=total > 0.0)
+        return recovery
+
+    def _stream(self, row: int) -> Stream:
+        rates = self._kept["class_mass"][row]
+        return Stream.of_class_rates(rates, np.asarray(self.feed.mass_fraction))
+
+    @cached_property
+    def undersize(self) -> Stream:
+        """What passes the lowest deck."""
+        return self._stream(lay.UNDER)
+
+    @cached_property
+    def oversize(self) -> Stream:
+        """What leaves over the top deck."""
+        return self._stream(lay.OVER)
+
+    @cached_property
+    def intermediate(self) -> tuple[Stream, ...]:
+        """What leaves over each deck below the top one."""
+        return tuple(self._stream(lay.OVER + d) for d in range(1, len(self.config.decks)))
+
+    @property
+    def transport_velocity(self) -> float:
+        """Velocity of the bed on the first panel of the top deck, m/s."""
+        return float(_velocities(self._kept["scene"], self.config, 0)[0])
+
+    @property
+    def residence_time(self) -> float:
+        """Time on the top deck from the feed end to the discharge, s."""
+        velocity = _velocities(self._kept["scene"], self.config, 0)
+        panels = self.config.decks[0].panels
+        return sum(panel.length / float(v) for panel, v in zip(panels, velocity, strict=True))
+
+    @property
+    def deck_hold_up(self) -> tuple[float, ...]:
+        """What lies on each deck, kg."""
+        return tuple(self._kept["hold_up_work"].tolist())
+
+    @property
+    def _fine(self) -> Array:
+        fine: Array = self._kept["step_mass"][len(self.config.decks) - 1]
+        return fine
+
+    @property
+    def _coarse(self) -> Array:
+        coarse: Array = self._kept["step_mass"][len(self.config.decks)]
+        return coarse
+
+    @property
+    def _between(self) -> Array:
+        between: Array = self._kept["step_mass"][len(self.config.decks) + 1 :].sum(axis=0)
+        return between
 
     @property
     def aperture(self) -> float:
@@ -133,7 +181,7 @@ class SteadyResult:
     @cached_property
     def profiles(self) -> tuple[Profile, ...]:
         """What lies along every deck, at 65 positions from the feed end to the discharge."""
-        return self._march(PROFILE_POINTS)
+        return self._march(self._kept, PROFILE_POINTS)
 
     @property
     def profile(self) -> Profile:
@@ -184,49 +232,27 @@ def solve(
 ) -> SteadyResult:
     """Steady state with the inputs and parameters in the buffer of one slice."""
     check(run(buffer, SOLVE, 0.0, 0.0), buffer, layout)
-    decks = len(config.decks)
-    velocities = [
-        layout.view(buffer, "scene")[d, : len(deck.panels), lay.S_TRANSPORT_VELOCITY].copy()
-        for d, deck in enumerate(config.decks)
-    ]
-    count = config.size_classes.count
     setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
-    set_now = buffer[setting].copy()
+    kept = {name: layout.view(buffer, name).copy() for name in KEPT}
+    kept["setting"] = buffer[setting].copy()
 
-    def march(points: int) -> tuple[Profile, ...]:
-        buffer[setting] = set_now
+    def march(kept: Mapping[str, Array], points: int) -> tuple[Profile, ...]:
+        buffer[setting] = kept["setting"]
         check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
         return tuple(
-            _profile(config, nodes, layout, buffer, d, velocities[d], points) for d in range(decks)
+            _profile(
+                config, nodes, layout, buffer, d, _velocities(kept["scene"], config, d), points
+            )
+            for d in range(len(config.decks))
         )
 
-    streams = layout.view(buffer, "step_mass").copy()
-    through, over = streams[decks - 1], streams[decks:]
-    rates = layout.view(buffer, "class_mass")[lay.UNDER :].copy()
-    total = rates.sum(axis=0)
-    fed = np.asarray(feed.mass_fraction)
-    products = [Stream.of_class_rates(row, fed) for row in rates]
-    return SteadyResult(
-        config,
-        feed,
-        np.divide(rates[0], total, out=np.zeros(count), where=total > 0.0),
-        products[0],
-        products[1],
-        tuple(products[2:]),
-        float(velocities[0][0]),
-        _residence(config.decks[0], velocities[0]),
-        tuple(layout.view(buffer, "hold_up_work").tolist()),
-        nodes,
-        through,
-        over[1:].sum(axis=0),
-        over[0],
-        march,
-    )
+    return SteadyResult(config, feed, nodes, kept, march)
 
 
-def _residence(deck: Deck, velocity: Array) -> float:
-    """Time from the feed end to the discharge, s."""
-    return sum(panel.length / float(v) for panel, v in zip(deck.panels, velocity, strict=True))
+def _velocities(scene: Array, config: ScreenConfig, deck: int) -> Array:
+    """Velocity of the bed on the panels of a deck, m/s."""
+    velocity: Array = scene[deck, : len(config.decks[deck].panels), lay.S_TRANSPORT_VELOCITY]
+    return velocity
 
 
 def _profile(

@@ -556,6 +556,7 @@ class Layout:
     dimension: dict[str, int]
     offset: dict[str, int] = field(init=False)
     shape: dict[str, tuple[int, ...]] = field(init=False)
+    span: dict[str, slice] = field(init=False)
     section: dict[str, slice] = field(init=False)
     size: int = field(init=False)
 
@@ -585,6 +586,7 @@ class Layout:
         known["block"] = (known["layers"] + 2) * known["nodes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}
+        span: dict[str, slice] = {}
         section: dict[str, slice] = {}
         position = HEADER_SIZE
         for title, fields in SECTIONS.items():
@@ -593,10 +595,12 @@ class Layout:
                 shape[name] = tuple(known[s] if isinstance(s, str) else s for s in symbols)
                 offset[name] = position
                 position += prod(shape[name])
+                span[name] = slice(offset[name], position)
             section[title] = slice(start, position)
         for name, value in (
             ("offset", offset),
             ("shape", shape),
+            ("span", span),
             ("section", section),
             ("size", position),
         ):
@@ -616,8 +620,7 @@ class Layout:
 
     def view(self, buffer: np.ndarray, name: str) -> np.ndarray:
         """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
-        start = self.offset[name]
-        return buffer[start : start + prod(self.shape[name])].reshape(self.shape[name])
+        return buffer[self.span[name]].reshape(self.shape[name])
 
 
 # Places in the header that hold the offsets of the fields.

@@ -153,6 +153,8 @@ STIFF = 3000.0
 DAMPING = 2.0 / 13.0
 MOST_STAGES = 60
 FIRST = 0.8
+# A first step of the pair, as a part of the longest that is stable.
+FIRST_PAIR = 0.25
 # Schemes. An error of third order decides: where the step that it allows, times the fastest rate,
 # is wide, many cheap stages are best; where it is short, high order is.
 PAIR, POSITIVE, STABILISED = range(3)
@@ -1703,7 +1705,7 @@ def choose_scheme(buffer, book, fastest, left, gain):
         scheme, h = POSITIVE, min(gain * wide, POSITIVE_STABLE / fastest)
     else:
         most = STABLE / fastest if fastest > 0.0 else left
-        scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else 0.5 * most, most)
+        scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else FIRST_PAIR * most, most)
     # Steps of one length to the end.
     return scheme, left / max(1.0, ceil(left / h - SLACK))
 
