@@ -389,7 +389,7 @@ class Passage:
         default=2.0, metadata=number("passing_time", at_least=0.0, at_most=100.0)
     )
     drift: float = field(default=0.5, metadata=number("drift", at_least=0.0, at_most=10.0))
-    damping: float = field(default=0.5, metadata=number("damping", at_least=0.0, at_most=100.0))
+    damping: float = field(default=0.3, metadata=number("damping", at_least=0.0, at_most=100.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:
