@@ -370,8 +370,9 @@ class Passage:
     follows from the vibration; `velocity` is then that of a loose bed (MODEL.md, "Closures in the
     vibration"). Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass (Gaudin), 1
     where the rim guides all grains in whose centre is over the opening; passing_time for which a
-    grain takes up an opening, over sqrt(aperture/g); drift, the loss of opening by the bed's
-    velocity over sqrt(g aperture); damping of the tries by a bed as deep as the aperture.
+    grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
+    to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
+    bed as deep as the aperture.
     """
 
     law: str = field(
@@ -387,8 +388,8 @@ class Passage:
     passing_time: float = field(
         default=2.0, metadata=number("passing_time", at_least=0.0, at_most=100.0)
     )
-    drift: float = field(default=0.15, metadata=number("drift", at_least=0.0, at_most=10.0))
-    damping: float = field(default=0.5, metadata=number("damping", at_least=0.0, at_most=100.0))
+    drift: float = field(default=0.5, metadata=number("drift", at_least=0.0, at_most=10.0))
+    damping: float = field(default=0.3, metadata=number("damping", at_least=0.0, at_most=100.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:

@@ -107,7 +107,7 @@ _PARAMETERS = {
         "Time for which a grain takes up an opening, used by the passage law bounce", _TUNABLE
     ),
     "passage_drift": _Meaning(
-        "Opening lost to the velocity of the bed, used by the passage law bounce", _TUNABLE
+        "How the bed carries grains over the openings, used by the passage law bounce", _TUNABLE
     ),
     "passage_damping": _Meaning(
         "How a deep bed keeps grains from bouncing, used by the passage law bounce", _TUNABLE

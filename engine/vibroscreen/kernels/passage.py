@@ -78,20 +78,22 @@ def pelevin(size, fraction, scene, probability):
 def bounce(size, fraction, scene, probability):
     """Grains that bounce: guided by the rim, carried on, crowded in the openings, held by the bed.
 
-    P_i = phi G_i/((1 + damping H/a) (1 + B)), G_i = g_i max(0, g_i - drift v/sqrt(g a)) with
+    P_i = phi G_i/((1 + damping H/a) (1 + B)), G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)) with
     g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0; H = depth of the bed. B = the time for which an
     opening is taken up, passing_time sqrt(a/g)/loosening for one grain or for as many finer ones as
     fill it, times their number a second.
     """
     aperture = scene[S_APERTURE]
     fall = sqrt(GRAVITY * aperture)
-    carried = scene[S_DRIFT] * scene[S_TRANSPORT_VELOCITY] / fall
+    carried = scene[S_DRIFT] * scene[S_TRANSPORT_VELOCITY] / (fall * aperture)
     beyond = (1.0 - scene[S_RIM]) / aperture
     held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (scene[S_DENSITY] * aperture)
     crowd = 0.0
     for i in range(size.size):
         guided = 1.0 - beyond * size[i] if size[i] < aperture else 0.0
-        probability[i] = guided * max(0.0, guided - carried)
+        probability[i] = 0.0
+        if guided > 0.0:
+            probability[i] = guided * guided * guided / (guided + carried * size[i])
         room = max(size[i], 0.5 * aperture)
         crowd += probability[i] * fraction[i] / (room * room * room)
     tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])
