@@ -10,7 +10,7 @@ from vibroscreen.steady import Profile, SteadyResult
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.sweep import SteadyTable, solve_steady_many
 
-__version__ = "0.1.0"
+__version__ = "0.4.0"
 
 __all__ = [
     "ConfigError",
