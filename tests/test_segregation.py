@@ -55,6 +55,25 @@ def scene_of(**values: float) -> np.ndarray:
     return scene
 
 
+@pytest.mark.parametrize("mass", [0.0, 5e-324, 1e-310, 1e-290, 1e-100, 1.0])
+@pytest.mark.parametrize("size", [1e-170, 1e-3])
+@pytest.mark.parametrize("dilation", [0.0, 5e-324, 1e-3])
+def test_exchange_of_next_to_nothing_is_finite(mass: float, size: float, dilation: float) -> None:
+    scene = scene_of(
+        density=1600.0,
+        contact_load=16.0,
+        layer_full=16.0,
+        segregation_velocity=0.02,
+        dilation=dilation,
+    )
+    load = np.array([[16.0, 0.0], [mass, mass]])
+    contact, rate = np.zeros(2), np.zeros((2, 2))
+    exchange(np.array([size, 2.0 * size]), load, 2, scene, contact, rate)
+    assert np.isfinite(rate).all()
+    assert np.isfinite(contact).all()
+    assert (rate >= 0.0).all()
+
+
 def test_exchange_flux_by_hand() -> None:
     """Two classes, three layers, contact and upper layer of different depth."""
     # d = 1 and 10 mm; middle layer 20 kg/m2 of half each: R = (.5 x 1 + .5 x 10)/2 = 2.75 mm,

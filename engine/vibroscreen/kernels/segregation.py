@@ -147,12 +147,13 @@ def exchange(size, load, layers, scene, contact, percolation):
     for j in range(1, layers):
         mass = layer_mass(load, j)
         fill = mass * whole
-        inverse = 1.0 / mass if mass > 0.0 else 0.0
+        inverse = 1.0 / mass if mass > NOTHING else 0.0
         radius = 0.5 * size_moment(load, j, size) * inverse
         opening = 2.0 * gap_radius(radius, dilation)
         # rate (1 - d/opening)^2 with the division by opening^2 before the loop
         rate = pace * min(1.0, fill, fill_below) * gap_open_area(radius, dilation) * inverse
-        rate = rate / (opening * opening) if opening > 0.0 else 0.0
+        square = opening * opening
+        rate = rate / square if square > NOTHING else 0.0
         for i in range(size.size):
             free = max(0.0, opening - size[i])
             percolation[j, i] = rate * free * free
