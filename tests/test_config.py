@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from vibroscreen import config as configuration
@@ -260,6 +260,7 @@ def test_typical_feed_is_close_to_its_rosin_rammler_curve() -> None:
 
 
 @given(st.lists(st.floats(1e-6, 1.0), min_size=2, max_size=40, unique=True))
+@example([1e-6, math.nextafter(1e-6, 1.0)])
 @settings(deadline=None)
 def test_typical_feed_fits_any_classes(edges: list[float]) -> None:
     config = ScreenConfig(SizeClasses(tuple(sorted(edges))))

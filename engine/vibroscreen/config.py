@@ -731,6 +731,8 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
     passing = np.interp(
         rosin_rammler(np.array(edges) / edges[-1]), rosin_rammler(TYPICAL_SIZE), TYPICAL_PASSING
     )
+    if passing[-1] == passing[0]:  # limits so close that the curve does not tell them apart
+        passing = np.array(edges)
     share = np.round((passing - passing[0]) / (passing[-1] - passing[0]), 6)
     return tuple(round(float(value), 6) for value in np.diff(share))
 
