@@ -286,9 +286,8 @@ def test_restless_feed_and_velocity_against_the_closed_solution(tolerance: float
     clock, way = np.arange(steps + 1.0), np.append(0.0, np.cumsum(velocity))
     config = scene(Feed(60.0, MIXED), tolerance=tolerance, contact_depth=0.01)
     shares = config.feed.class_rates / 60.0
-    leaving = np.interp(
-        way[way > LENGTH] - LENGTH, way, clock
-    )  # entries that leave at full seconds
+    # Entries that leave at full seconds.
+    leaving = np.interp(way[way > LENGTH] - LENGTH, way, clock)
     under, over = np.zeros(shares.size), np.zeros(shares.size)
     abscissa, weight = np.polynomial.legendre.leggauss(8)
     for start, stop in pairwise(np.unique(np.append(clock, leaving))):

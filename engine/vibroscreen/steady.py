@@ -77,7 +77,7 @@ class SteadyResult:
     feed: Feed
     _nodes: Nodes = field(repr=False)
     _kept: Mapping[str, Array] = field(repr=False)
-    _march: Callable[[Mapping[str, Array], int], tuple[Profile, ...]] = field(repr=False)
+    _march: Callable[[int], tuple[Profile, ...]] = field(repr=False)
 
     @cached_property
     def recovery(self) -> Array:
@@ -181,7 +181,7 @@ class SteadyResult:
     @cached_property
     def profiles(self) -> tuple[Profile, ...]:
         """What lies along every deck, at 65 positions from the feed end to the discharge."""
-        return self._march(self._kept, PROFILE_POINTS)
+        return self._march(PROFILE_POINTS)
 
     @property
     def profile(self) -> Profile:
@@ -236,7 +236,7 @@ def solve(
     kept = {name: layout.view(buffer, name).copy() for name in KEPT}
     kept["setting"] = buffer[setting].copy()
 
-    def march(kept: Mapping[str, Array], points: int) -> tuple[Profile, ...]:
+    def march(points: int) -> tuple[Profile, ...]:
         buffer[setting] = kept["setting"]
         check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
         return tuple(

@@ -775,11 +775,11 @@ def take_part(buffer, deck, index, row, part):
         node_vector(buffer, AT_PART_BEFORE, part),
         node_vector(buffer, AT_PART_PASSED, part),
     )
-    flux, time = node_vector(buffer, AT_COLUMN_FLUX, 0), node_vector(buffer, AT_COLUMN_FLUX, 1)
+    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
     used = package_vector(buffer, AT_LAYERS_USED, deck)
     rows = int(max(used[index], deck_vector(buffer, deck)[D_ROWS]))
     for i in range(passed.size):
-        flux[i], time[i] = min(before[i], max(0.0, mean[i] - passed[i])), 0.0
+        flux[i] = min(before[i], max(0.0, mean[i] - passed[i]))
         passed[i] += flux[i]
         held = 0.0
         for j in range(rows):
@@ -970,7 +970,6 @@ def advance_lead(buffer, deck, duration):
     passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
     time = column(buffer, AT_COLUMN_TIME, 0)
     undersize = node_vector(buffer, AT_STEP_MASS, deck)
-    partial_passed = node_vector(buffer, AT_PARTIAL_PASSED, deck)
     fallen, carry = node_vector(buffer, AT_FALL_COHORT, deck), node_vector(buffer, AT_CARRY, deck)
     velocity, first = (
         panel_velocity(buffer, AT_SCENE, deck, panel),
@@ -1000,7 +999,6 @@ def advance_lead(buffer, deck, duration):
         for i in range(fed.size):
             mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
             undersize[i] += mass
-            partial_passed[i] += mass / width
             before_passed[i] += on_first * passed[i]
             if below:
                 fallen[i] += mass

@@ -60,7 +60,6 @@ from vibroscreen.kernels.layout import (
     COUNTER,
     D_CAPACITY_ALARM,
     D_FIRST_PACE,
-    D_LANDED,
     D_ORDER,
     D_PACE,
     D_ROWS,
@@ -172,6 +171,9 @@ ERROR_STABILISED, ERROR_POSITIVE = 1.0 / 15.0, 1.0 / 24.0
 WIDE_FROM = 7.0
 # Another scheme's step may be this much longer than the one that tells it.
 MOST_WIDER = 50.0
+# Parts of the step that an estimate allows: of the next one, and of what an error of third order
+# tells of wide steps.
+SAFETY, SAFETY_WIDE = 0.93, 0.85
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
@@ -240,10 +242,10 @@ def block_load(buffer, at, index):
 
 @viewing
 def block_share(buffer, at, index, layers):
-    """Mass fractions of the top one of `layers` layers: the row above it in a block."""
-    rows = int(buffer[N_LAYERS]) + 2
+    """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
+    rows, nodes = int(buffer[N_LAYERS]) + 2, int(buffer[N_ACTIVE])
     start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
-    return view1(buffer, start + (layers + 1) * int(buffer[N_ACTIVE]), int(buffer[N_ACTIVE]))
+    return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
 
 
 @kernel
@@ -625,18 +627,19 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
         elif falling:
             share = block_share(buffer, at_state, state, layers)
             pace = block_share(buffer, at_rate, rate, layers)
-            upward = weighted_share(share, percolation, j) / full
+            upward = weighted_mass(share, 0, percolation, j) / full
             for i in range(nodes):
-                moved = percolation[j, i] * share[i] - upward * upper[j - 1, i]
-                flux = top * moved + lost * share[i]
-                pace[i] = -moved
+                moved = percolation[j, i] * share[0, i] - upward * upper[j - 1, i]
+                flux = top * moved + lost * share[0, i]
+                pace[0, i] = -moved
                 change[j, i] = -flux
                 change[j - 1, i] += flux
         else:
             share = block_share(buffer, AT_STAGE, NOW, layers)
             upward = weighted_mass(lower, j, percolation, j) / full
             for i in range(nodes):
-                flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i] + lost * share[i]
+                flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i]
+                flux += lost * share[0, i]
                 change[j, i] = -flux
                 change[j - 1, i] += flux
         full = scene[S_LAYER_FULL]
@@ -649,21 +652,6 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
 def follows_share(buffer, layers):
     """Whether the composition of the top layer is followed beside its masses."""
     return layers > 1 and buffer[N_SOURCE] == 0.0
-
-
-@kernel
-def weighted_share(share, weight, row):
-    """Sum over the sizes of weight times mass fraction."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    whole = share.size - share.size % 4
-    for i in range(0, whole, 4):
-        a += share[i] * weight[row, i]
-        b += share[i + 1] * weight[row, i + 1]
-        c += share[i + 2] * weight[row, i + 2]
-        d += share[i + 3] * weight[row, i + 3]
-    for i in range(whole, share.size):
-        a += share[i] * weight[row, i]
-    return (a + b) + (c + d)
 
 
 @kernel
@@ -712,8 +700,8 @@ def keep_top_share(buffer, layers):
     row = layers - 1 if top > 0.0 else below
     mass = top if top > 0.0 else layer_mass(load, below)
     scale = 1.0 / mass if mass > NOTHING else 0.0
-    for i in range(share.size):
-        share[i] = scale * load[row, i]
+    for i in range(share.shape[1]):
+        share[0, i] = scale * load[row, i]
 
 
 @kernel
@@ -1161,6 +1149,18 @@ def land_in_step(buffer, layers, h, t, scheme):
     value_in_step(buffer, layers, h, t, scheme)
     for i in range(size):
         staged[i] = out[i]
+
+
+@kernel
+def sum_step(buffer, layers, h, scheme):
+    """Add the time integral of a whole explicit step of any scheme."""
+    size = (layers + 1) * int(buffer[N_ACTIVE])
+    if scheme == STABILISED:
+        integrate_ends(buffer, h, size)
+    elif scheme == POSITIVE:
+        integrate_positive(buffer, h, size)
+    else:
+        integrate_stages(buffer, h, size)
 
 
 # --- the implicit step, extrapolated -------------------------------------------------------------
@@ -1629,18 +1629,19 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         )
         stiff = not explicit or fastest * left >= STIFF
         if not deep and (linear or not stiff):
-            h, scheme = explicit_length(
+            h, scheme, landed = explicit_length(
                 buffer, scene, book, layers, left, kink, fastest, moment, shortest
             )
             counter[C_COLUMN_STEPS] += 1
             before = growth
-            landed = book[D_LANDED]
             if buffer[PART] < buffer[N_PARTS]:
                 add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
             ended = scheme != POSITIVE and landed == 1.0  # with its last rates at its end
             if landed < 1.0:
                 land_in_step(buffer, layers, h, landed, scheme)
                 h *= landed
+            else:
+                sum_step(buffer, layers, h, scheme)
             paid = take_explicit(buffer, layers, ended)
             if not paid:
                 carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
@@ -1714,12 +1715,10 @@ def choose_scheme(buffer, book, fastest, left, gain):
 def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, shortest):
     """Find the length of an explicit step that meets the tolerance, its stages done.
 
-    Returns the length [s] and the scheme. A step may go past a kink: D_LANDED is the part of it
-    before that.
+    Returns the length [s], the scheme, and the part of the step that lies before a kink; 1: all.
     """
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
-    size = (layers + 1) * int(buffer[N_ACTIVE])
     growth = top_growth(buffer, layers)
     distance = mass_to_kink(buffer, scene, load, layers, growth)
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
@@ -1732,7 +1731,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
         h = min(h, PAST * kink) if layers > 1 and growth < 0.0 else kink
     landings, first = 0, book[D_WIDE] == 0.0 and buffer[N_PARTS] > 0.0
-    book[D_LANDED] = 1.0
+    landed = 1.0
     while True:
         allowed = margin[scheme] * allowance(buffer, scene, book, h)
         if scheme == STABILISED:
@@ -1752,9 +1751,9 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
                 h *= max(part, LEAST_LANDING)
                 landings += 1
                 continue
-            book[D_LANDED] = part
+            landed = part
         root = sqrt(max(error, 1e-10))
-        fit = h * min(5.0, max(0.2, 0.93 / (sqrt(root) if scheme == PAIR else root)))
+        fit = h * min(5.0, max(0.2, SAFETY / (sqrt(root) if scheme == PAIR else root)))
         if error > 1.0 and h > shortest:
             counter[C_COLUMN_REJECTED] += 1
             h = min(fit, 0.9 * h)
@@ -1762,30 +1761,23 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             continue
         if error > 1.0:
             counter[C_COLUMN_FORCED] += 1
-        landed = book[D_LANDED] < 1.0
         if scheme == STABILISED:
-            if not landed:
-                integrate_ends(buffer, h, size)
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_STABILISED_STEPS] += 1
         elif scheme == POSITIVE:
-            if not landed:
-                integrate_positive(buffer, h, size)
             # Not bounded as its own next step is, which stability limits.
-            fit = h / gain * min(MOST_WIDER, 0.85 / sqrt(max(error, 1e-10)))
+            fit = h / gain * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_POSITIVE_STEPS] += 1
         else:
-            if not landed:
-                integrate_stages(buffer, h, size)
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
             if first:  # of a cohort: the next one begins with it
                 book[D_FIRST_PACE] = fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
             error = max(error / allowed, 1e-10)
-            book[D_WIDE] = h * min(MOST_WIDER, 0.85 / sqrt(error))
+            book[D_WIDE] = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(error))
             counter[C_PAIR_STEPS] += 1
-        return h, scheme
+        return h, scheme, landed
 
 
 @kernel
