@@ -22,17 +22,20 @@ AREAL_MASS, TIME = 70.0, 2.0
 
 @kernel
 def march_explicit(buffer, scene_, layers, h, steps, scheme):
-    """Steps of one length of an explicit scheme, from the block NOW; five stages if stabilised."""
+    """Steps of one length of an explicit scheme, from the block NOW; five stages if stabilised.
+
+    scheme: PAIR, STABILISED or the number of stages of the chain.
+    """
     for _ in range(steps):
         package.column_rates(
             buffer, scene_, lay.AT_STAGE, package.NOW, layers, lay.AT_STAGE, package.K1, 0.0
         )
         if scheme == package.PAIR:
             package.pair_step(buffer, scene_, layers, h, 0.0)
-        elif scheme == package.POSITIVE:
-            package.positive_step(buffer, scene_, layers, h, 0.0)
-        else:
+        elif scheme == package.STABILISED:
             package.stabilised_step(buffer, scene_, layers, h, 5, 0.0)
+        else:
+            package.chain_step(buffer, scene_, layers, h, scheme, 0.0)
         package.take_explicit(buffer, layers, False)
 
 
@@ -46,9 +49,10 @@ def march_implicit(buffer, scene_, layers, h, steps):
         package.take_implicit(buffer, scene_, layers, h)
 
 
+STAGES = range(package.CHAIN_LEAST, package.CHAIN_MOST + 1)
 SCHEMES = {
     "pair": (package.PAIR, 5, (1, 2, 4, 8)),
-    "positive": (package.POSITIVE, 3, (2, 4, 8, 16)),
+    **{f"chain of {s}": (s, 3, (2, 4, 8, 16)) for s in STAGES},
     "stabilised": (package.STABILISED, 2, (4, 8, 16, 32)),
     "implicit": (None, 3, (4, 8, 16, 32)),
 }
@@ -86,6 +90,69 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
         errors.append(float(np.abs(load[0] - left).max() / AREAL_MASS))
     assert errors[-1] > 1e-14  # still above round-off
     assert slope(numbers, errors) == pytest.approx(order, abs=0.4), errors
+
+
+def butcher(stages: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The chain as a Runge-Kutta scheme with the next step's first stage: a, b, and the error's b."""
+    row = stages - package.CHAIN_LEAST
+    a, b, error = np.zeros((stages + 1, stages + 1)), np.zeros(stages + 1), np.zeros(stages + 1)
+    a[range(1, stages), range(stages - 1)] = package.CHAIN_STAGE[row, : stages - 1]
+    a[stages - 1, 0] += package.CHAIN_FIRST[row]
+    b[stages - 3 : stages] = package.CHAIN_END[row]
+    a[stages] = b
+    places = [0, *range(stages - 4, stages + 1)]
+    np.add.at(error, places, package.CHAIN_ERROR[row])
+    return a, b, error
+
+
+@pytest.mark.parametrize("stages", STAGES)
+def test_conditions_of_the_chain(stages: int) -> None:
+    """Order 3, an error of order 4 that is right for linear rates, and stability.
+
+    On y' = -y the solution after z is nearer to exp(-z) than that of any other scheme of order 3 with
+    as many stages: the difference reaches its largest magnitude with alternating signs at one place
+    more than there are free coefficients (Chebyshev).
+    """
+    a, b, error = butcher(stages)
+    c = a.sum(axis=1)
+    assert c[-1] == pytest.approx(1.0, abs=1e-15)
+    for weights, order in ((b, (1.0, 1 / 2, 1 / 3, 1 / 6)), (error, (0.0, 0.0, 0.0, 0.0))):
+        found = [weights.sum(), weights @ c, weights @ c**2, weights @ a @ c]
+        np.testing.assert_allclose(found, order, atol=2e-15)
+    assert error @ a @ a @ c == pytest.approx(b @ a @ a @ c - 1 / 24, rel=1e-12)
+
+    reach = package.CHAIN_STABLE[stages - package.CHAIN_LEAST]
+    z = reach * np.linspace(0.0, 1.0, 20001)
+    stage = np.ones((stages + 1, z.size))
+    for j in range(1, stages + 1):
+        stage[j] = 1.0 - z * (a[j] @ stage)
+    assert np.abs(stage).max() <= 1.0 + 1e-12
+    missed = stage[stages] - np.exp(-z)
+    slope = np.diff(missed)
+    extremes = missed[[*(np.nonzero(slope[1:] * slope[:-1] < 0.0)[0] + 1), -1]]
+    largest = np.abs(missed).max()
+    assert extremes.size >= stages - 2
+    np.testing.assert_allclose(np.abs(extremes), largest, rtol=1e-3)
+    assert (extremes[1:] * extremes[:-1] < 0.0).all()
+    assert largest < 0.35
+    # The error is not much less than the truth, nor far beyond it where all is damped.
+    estimate = np.abs(z * (error @ stage))
+    assert (estimate >= 0.3 * np.abs(missed) - 0.25 * largest).all()
+    assert estimate.max() < (1.2 if stages == 4 else 0.6)
+
+
+def test_estimate_of_the_pair() -> None:
+    """On y' = -y what order 5 leaves out is at most HIGHER z of the estimate, wherever it is stable."""
+    a, b = np.zeros((7, 7)), package.A[5]
+    a[1:, :6] = package.A
+    z = np.linspace(0.05, package.STABLE, 500)
+    stage = np.ones((7, z.size))
+    for j in range(1, 7):
+        stage[j] = 1.0 - z * (a[j] @ stage)
+    estimate = np.abs(z * ((np.append(b, 0.0) - package.B_LOW) @ stage))
+    missed = np.abs(stage[6] - np.exp(-z))
+    assert (missed <= package.HIGHER * z * estimate).all()
+    assert (missed >= 0.7 * package.HIGHER * z * estimate).all()
 
 
 def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -839,12 +839,12 @@ def start_cohort(buffer, deck, rate):
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
     velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
     load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
+    for j in range(lead.shape[0]):
+        for i in range(fed.size):
+            lead[j, i], partial[j, i] = 0.0, 0.0
     for i in range(fed.size):
         fed[i] = load * fraction[i]
         passed[i], partial_passed[i] = 0.0, 0.0
-        for j in range(lead.shape[0]):
-            lead[j, i] = 0.0
-            partial[j, i] = 0.0
         if deck == 0:
             lead[0, i] = fed[i]
     book[D_SHARE] = 1.0 if deck == 0 else SHARE_BELOW

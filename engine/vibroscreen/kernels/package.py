@@ -5,7 +5,7 @@ A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen
 into a compact block without the sizes that take no part, integrated there and scattered back. Four
 schemes share its sub-models; three of them the rates of `column_rates`:
   the pair of Dormand and Prince, order 5 with an embedded 4, where accuracy asks for short steps;
-  a positive scheme of order 3, where stability does;
+  a chain of four to ten stages, order 3, where stability does;
   a stabilised scheme of order 2 with many stages, where the fastest rate is far beyond the step;
   an implicit step that keeps masses positive whatever its length, extrapolated, beyond all that.
 All are linear in the masses they move, so every sum is kept to round-off. The error estimate sets
@@ -45,6 +45,7 @@ from vibroscreen.kernels.layout import (
     AT_SWITCH,
     AT_TRIAL,
     AT_UPWARD,
+    C_CHAIN_STEPS,
     C_COARSE_SKIPPED,
     C_COLUMN_FORCED,
     C_COLUMN_REJECTED,
@@ -52,7 +53,6 @@ from vibroscreen.kernels.layout import (
     C_EMPTY_SKIPPED,
     C_LANDINGS,
     C_PAIR_STEPS,
-    C_POSITIVE_STEPS,
     C_RATES,
     C_STABILISED_STEPS,
     C_SUB_STEPS,
@@ -126,12 +126,14 @@ LANDING = 1e-6
 # A layer that runs out may be missed by this part of the tolerance, if that is more: what is left
 # of it joins the layer below, which is the top one then and need not be full.
 MISS = 0.1
-# A step that should end where a layer runs out goes on for so much of what is expected.
+# A step that should end where a layer runs out goes on for so much of what is expected; one that
+# would end a little before that is made longer by up to the second factor.
 PAST = 1.2
+STRETCH = 1.35
 # A step that went past such a moment is shortened to no less than this part of it at once.
 LEAST_LANDING = 0.1
 # A part of `tolerance` that a step may always use, however short it is.
-LEAST_SHARE = 0.02
+LEAST_SHARE = 0.05
 # Steps below this part of the horizon are taken whatever the estimate says (counted).
 SHORTEST = 1e-10
 # A size of which this part of the tolerance is left has passed.
@@ -147,32 +149,31 @@ EVEN = 1e-14
 STABLE = 3.2
 STIFF = 3000.0
 
-# The stabilised scheme: its damping and the most stages of a step; and a first step, times the
-# fastest rate.
+# The stabilised scheme: its damping and the most stages of a step.
 DAMPING = 2.0 / 13.0
 MOST_STAGES = 60
-FIRST = 0.8
 # A first step of the pair, as a part of the longest that is stable.
-FIRST_PAIR = 0.25
-# Schemes. An error of third order decides: where the step that it allows, times the fastest rate,
-# is wide, many cheap stages are best; where it is short, high order is.
-PAIR, POSITIVE, STABILISED = range(3)
-# Estimates are those of the lower of two orders, so they may be this much above the tolerance: the
+FIRST_PAIR = 0.33
+# Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
+PAIR, CHAIN, STABILISED = range(3)
+# The pair's estimate is that of order 4. Of what changes smoothly at any real rate up to the
+# fastest, order 5 leaves out at most this part of it, times h times fastest rate.
+HIGHER, LEAST_HIGHER = 0.39, 0.02
+# Estimates may be this much above the tolerance, as what they find is mostly damped later on: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
 # have a kink at every size, where no order is left; a reconstruction has them in every layer.
-MARGIN = (8.0, 20.0, 5.0)
-MARGIN_SORTED = (4.0, 20.0, 5.0)
-# The scheme of order 3 is stable up to this.
-POSITIVE_STABLE = 4.8
+MARGIN = (5.0, 7.0, 5.0)
+MARGIN_SORTED = (3.0, 2.0, 5.0)
+# The same for the steps of the chain that an error of third order in a step of the pair foretells,
+# and how many times as long as that step they may be.
+MARGIN_WIDE = 32.0
+MOST_WIDER = 5.0
 # A last step may be this part longer than planned: the estimate has that much in reserve.
 SLACK = 0.12
-# Error constants of the stabilised scheme and that of order 3.
-ERROR_STABILISED, ERROR_POSITIVE = 1.0 / 15.0, 1.0 / 24.0
-WIDE_FROM = 7.0
-# Another scheme's step may be this much longer than the one that tells it.
-MOST_WIDER = 50.0
-# Parts of the step that an estimate allows: of the next one, and of what an error of third order
-# tells of wide steps.
+# The stabilised scheme steps so much less far than the chain; it is tried where the chain's step,
+# times the fastest rate, is longer than the chain is stable.
+SHORTER = 1.5
+# Parts of the step that an estimate allows.
 SAFETY, SAFETY_WIDE = 0.93, 0.85
 
 # Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
@@ -201,6 +202,54 @@ I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
 # Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
 D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
 D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
+
+# The chain of order 3 (MODEL.md, "Explicit schemes"), 4 to 10 stages, one after the other: weights
+# of the rates of the stage before in stages 2 to 10; of the first rates in the last stage; of the
+# last three rates in the solution; in the error of the first rates, the last four and the next;
+# h times fastest rate up to which it is stable.
+CHAIN_LEAST, CHAIN_MOST = 4, 10
+# fmt: off
+CHAIN_TABLE = np.array([
+    [0.14427046289316686, 0.5371848494887748, 0.6905904469020298, 0.0,
+     0.0, 0.0, 0.0, 0.0,
+     0.0, 0.11242087125897463, 0.3654955652198366, 0.2341544739408038,
+     0.4003499608393596, 0.5013976595561942, 0.0, -0.7710599551085868,
+     0.2602777931367525, 0.19270453789930442, -0.18332003548366424, 4.6],
+    [0.06356688774762347, 0.18482727112456626, 0.5381591773810129, 0.6232849527829973,
+     0.0, 0.0, 0.0, 0.0,
+     0.0, 0.17482730170454278, 0.4370652729370526, 0.11566197323175036,
+     0.4472727538311971, -0.4363302894244509, 1.225925418293629, -1.0292785000769114,
+     0.162881436919389, 0.2582999840548957, -0.18149804976655143, 7.3],
+    [0.03491340460721057, 0.09437347520458064, 0.202692675341121, 0.5336382540704556,
+     0.5983727207696756, 0.0, 0.0, 0.0,
+     0.0, 0.19494866229776256, 0.47681014527115223, 0.04506886211801619,
+     0.4781209926108315, -0.06962907148323531, 0.5722234623283942, -0.663869497187842,
+     0.04668158423692593, 0.2852052832615315, -0.1706117611557742, 10.5],
+    [0.021147129397929485, 0.05448586714770053, 0.11065392763485507, 0.21119619126137487,
+     0.5309639169343771, 0.5874961574319711, 0.0, 0.0,
+     0.0, 0.2031794106977637, 0.49829673088043586, 0.007403938232068646,
+     0.4942993308874955, -0.04794264270639428, 0.4838172413352529, -0.5495172382432685,
+     -0.028825979550851567, 0.30881915616660605, -0.16635053700134458, 14.5],
+    [0.013904634100353273, 0.0345697825629958, 0.06704742893389132, 0.12144235568816567,
+     0.21799876593065234, 0.5332001799019902, 0.5874194315030722, 0.0,
+     0.0, 0.20771313832153246, 0.5119567460923031, -0.001278858551687598,
+     0.48932211245938456, -0.04349637464684547, 0.4261869187759521, -0.4630385430435354,
+     -0.07103982274339878, 0.3139820114577775, -0.16259418979994994, 19.0],
+    [0.009677360386705981, 0.02340862417049773, 0.043795471250583806, 0.07575933317954844,
+     0.12906326228667747, 0.2231418100931081, 0.5360803652868539, 0.589130472314013,
+     0.0, 0.2110950409345087, 0.5214279422075182, -0.0025821203779932064,
+     0.48115417817047507, -0.04773107550380132, 0.3980151744021842, -0.40667612685299415,
+     -0.09908626402803135, 0.3152693928642275, -0.15979110088158482, 24.0],
+    [0.006917393955876888, 0.01638093050346751, 0.029816307535879116, 0.04977028066694128,
+     0.08105840393051947, 0.1332421804952913, 0.22547317737666206, 0.5375921876948283,
+     0.5893780606298459, 0.21323039415659778, 0.5257673642231893, -0.0031335390337724387,
+     0.47736617481058324, -0.04948538633645205, 0.38315111466989354, -0.37710431161945296,
+     -0.11432853080314959, 0.3157681939510985, -0.1580010798619375, 30.0],
+])
+# fmt: on
+CHAIN_STAGE, CHAIN_FIRST = CHAIN_TABLE[:, :9].copy(), CHAIN_TABLE[:, 9].copy()
+CHAIN_END, CHAIN_ERROR = CHAIN_TABLE[:, 10:13].copy(), CHAIN_TABLE[:, 13:19].copy()
+CHAIN_STABLE = CHAIN_TABLE[:, 19].copy()
 
 
 # --- the compact column --------------------------------------------------------------------------
@@ -831,19 +880,22 @@ def stage_value(buffer, stage, h, size):
 
 
 @kernel
-def explicit_error(buffer, h, layers):
-    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|."""
+def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
+    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|.
+
+    h times the sum of e1 to e6 times the rates in K1, in the four blocks `stage`, and in K7.
+    """
     nodes = int(buffer[N_ACTIVE])
     weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
-    k1, k3 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K3)
-    k4, k5 = block(buffer, AT_STAGE, K4), block(buffer, AT_STAGE, K5)
-    k6, k7 = block(buffer, AT_STAGE, K6), block(buffer, AT_STAGE, K7)
+    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, stage[0])
+    k3, k4 = block(buffer, AT_STAGE, stage[1]), block(buffer, AT_STAGE, stage[2])
+    k5, k6 = block(buffer, AT_STAGE, stage[3]), block(buffer, AT_STAGE, K7)
     for row in range(layers + 1):
         share = h if row == 0 else 0.5 * h
         start = row * nodes
         for i in range(nodes):
             n = start + i
-            one = E1 * k1[n] + E3 * k3[n] + E4 * k4[n] + E5 * k5[n] + E6 * k6[n] + E7 * k7[n]
+            one = e1 * k1[n] + e2 * k2[n] + e3 * k3[n] + e4 * k4[n] + e5 * k5[n] + e6 * k6[n]
             before = 0.0 if row == 0 else error[i]
             error[i] = before + share * abs(one)
     return worst_of(error, weight)
@@ -884,69 +936,61 @@ def pair_step(buffer, scene, layers, h, moment):
         stage_value(buffer, stage, h, size)
         at = moment + C[stage - 2] * h
         column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K1 + stage - 1, at)
-    return explicit_error(buffer, h, layers)
+    return embedded_error(buffer, h, layers, (K3, K4, K5, K6), E1, E3, E4, E5, E6, E7)
 
 
-# --- the positive scheme of order 3 --------------------------------------------------------------
+# --- the chain of order 3 ------------------------------------------------------------------------
 @kernel
-def third_order_stage(buffer, stage, h, size):
-    """Column at a stage 2 to 4 of the scheme of order 3, or its solution (5), into STAGED."""
+def chain_stage(buffer, last, h_last, h_first, size):
+    """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
-    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
-    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
-    half, sixth = 0.5 * h, h / 6.0
-    if stage == 2:
+    k, k1 = block(buffer, AT_STAGE, last), block(buffer, AT_STAGE, K1)
+    if h_first == 0.0:
         for i in range(size):
-            out[i] = y[i] + half * k1[i]
-    elif stage == 3:
-        for i in range(size):
-            out[i] = y[i] + half * (k1[i] + k2[i])
-    elif stage == 4:
-        for i in range(size):
-            out[i] = y[i] + sixth * (k1[i] + k2[i] + k3[i])
+            out[i] = y[i] + h_last * k[i]
     else:
         for i in range(size):
-            out[i] = y[i] + (sixth * (k1[i] + k2[i] + k3[i]) + half * k4[i])
+            out[i] = y[i] + (h_last * k[i] + h_first * k1[i])
+
+
+@kernel
+def chain_end(buffer, stage, h, row, size):
+    """Solution of the chain from the rates of its last three stages, into STAGED."""
+    y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
+    k1, k2 = block(buffer, AT_STAGE, stage[1]), block(buffer, AT_STAGE, stage[2])
+    k3 = block(buffer, AT_STAGE, stage[3])
+    h1, h2, h3 = h * CHAIN_END[row, 0], h * CHAIN_END[row, 1], h * CHAIN_END[row, 2]
+    for i in range(size):
+        out[i] = y[i] + (h1 * k1[i] + h2 * k2[i] + h3 * k3[i])
+
+
+@kernel
+def chain_stages(spread):
+    """Fewest stages with which the chain is stable up to `spread` = h times fastest rate."""
+    stages = CHAIN_LEAST
+    while stages < CHAIN_MOST and CHAIN_STABLE[stages - CHAIN_LEAST] < (1.0 - 1e-9) * spread:
+        stages += 1
+    return stages
 
 
 @inlined
-def positive_step(buffer, scene, layers, h, moment):
-    """Try a step of order 3 with four stages; returns its error, a part of what was fed."""
+def chain_step(buffer, scene, layers, h, stages, moment):
+    """Try a step of order 3 with `stages` stages; returns its error, a part of what was fed."""
     size = rows_followed(buffer, layers)
-    for stage in range(2, 5):
-        third_order_stage(buffer, stage, h, size)
-        at = moment + (h if stage == 3 else 0.5 * h)
-        column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K1 + stage - 1, at)
-    third_order_stage(buffer, 5, h, size)
-    return positive_error(buffer, h, layers)
-
-
-@kernel
-def positive_error(buffer, h, layers):
-    """Difference to the embedded solution of order 2, as a part of what was fed of a size."""
-    nodes = int(buffer[N_ACTIVE])
-    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
-    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
-    k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
-    for row in range(layers + 1):
-        share = h / 12.0 if row == 0 else h / 24.0
-        start = row * nodes
-        for i in range(nodes):
-            n = start + i
-            before = 0.0 if row == 0 else error[i]
-            error[i] = before + share * abs(3.0 * k4[n] - (k1[n] + k2[n] + k3[n]))
-    return worst_of(error, weight)
-
-
-@kernel
-def integrate_positive(buffer, h, size):
-    """Add the time integral of a step of order 3, from its stages."""
-    y, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
-    k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K2)
-    k3 = block(buffer, AT_STAGE, K3)
-    g1, g2, g3 = h * h / 4.0, h * h / 6.0, h * h / 12.0
-    for i in range(size):
-        total[i] += h * y[i] + (g1 * k1[i] + g2 * k2[i] + g3 * k3[i])
+    row = stages - CHAIN_LEAST
+    kept = (K1, K1, K1, K1)  # blocks of the last four rates
+    for j in range(stages - 1):
+        last = CHAIN_STAGE[row, j]
+        first = CHAIN_FIRST[row] if j == stages - 2 else 0.0
+        chain_stage(buffer, kept[3], h * last, h * first, size)
+        kept = (kept[1], kept[2], kept[3], K2 + j % 4)
+        at = moment + (last + first) * h
+        column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, kept[3], at)
+    chain_end(buffer, kept, h, row, size)
+    column_rates(buffer, scene, AT_STAGE, STAGED, layers, AT_STAGE, K7, moment + h)
+    e1, e2, e3 = CHAIN_ERROR[row, 0], CHAIN_ERROR[row, 1], CHAIN_ERROR[row, 2]
+    e4, e5, e6 = CHAIN_ERROR[row, 3], CHAIN_ERROR[row, 4], CHAIN_ERROR[row, 5]
+    return embedded_error(buffer, h, layers, kept, e1, e2, e3, e4, e5, e6)
 
 
 # --- the stabilised scheme -----------------------------------------------------------------------
@@ -1047,7 +1091,7 @@ def third_order_error(buffer, h, layers):
 
 @kernel
 def integrate_ends(buffer, h, size):
-    """Add the time integral of a step of the stabilised scheme, from both ends (Hermite)."""
+    """Add the time integral of a step of the chain or the stabilised scheme (Hermite)."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
     k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
     total = block(buffer, AT_STAGE, INTEGRAL)
@@ -1057,14 +1101,14 @@ def integrate_ends(buffer, h, size):
 
 
 # --- within a step -------------------------------------------------------------------------------
-# With d = STAGED - y the column at the part t of an explicit step is, to order 4, 3 or 2,
+# With d = STAGED - y the column at the part t of an explicit step is, to order 4,
 #   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
-# without the last term for the stabilised scheme, and the last two for the positive one.
+# or to order 3 without the last term, which is that of the pair.
 @kernel
 def value_in_step(buffer, layers, h, t, scheme):
     """Column at the part t of an explicit step that is not yet taken, into block OF_PART."""
-    bend = 0.0 if scheme == POSITIVE else t * t * (1.0 - t)
-    more = t * t * (1.0 - t) * (1.0 - t) if scheme == PAIR else 0.0
+    bend = t * t * (1.0 - t)
+    more = bend * (1.0 - t) if scheme == PAIR else 0.0
     combine_step(buffer, layers, h, 1.0, t, t * (1.0 - t), bend, more)
 
 
@@ -1074,7 +1118,7 @@ def integral_in_step(buffer, layers, h, a, b, scheme):
     first, second, third = b - a, (b * b - a * a) / 2.0, (b * b * b - a * a * a) / 3.0
     fourth = (b * b * b * b - a * a * a * a) / 4.0
     fifth = (b * b * b * b * b - a * a * a * a * a) / 5.0
-    bend = 0.0 if scheme == POSITIVE else h * (third - fourth)
+    bend = h * (third - fourth)
     more = h * (third - 2.0 * fourth + fifth) if scheme == PAIR else 0.0
     combine_step(buffer, layers, h, h * first, h * second, h * (second - third), bend, more)
 
@@ -1088,10 +1132,7 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
     size = (layers + 1) * int(buffer[N_ACTIVE])
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
     for i in range(size):
-        out[i] = start * y[i] + gd * (new[i] - y[i]) + g1 * k1[i]
-    if bend > 0.0:
-        for i in range(size):
-            out[i] += g7 * k7[i]
+        out[i] = start * y[i] + gd * (new[i] - y[i]) + (g1 * k1[i] + g7 * k7[i])
     if more > 0.0:
         k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
         k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
@@ -1109,9 +1150,8 @@ def part_to_kink(buffer, layers, h, scheme, change):
     d = layer_mass(block_load(buffer, AT_STAGE, STAGED), row)
     d -= layer_mass(block_load(buffer, AT_STAGE, NOW), row)
     first = h * layer_mass(block_load(buffer, AT_STAGE, K1), row) - d
-    second, third = 0.0, 0.0
-    if scheme != POSITIVE:
-        second = d - first - h * layer_mass(block_load(buffer, AT_STAGE, K7), row)
+    second = d - first - h * layer_mass(block_load(buffer, AT_STAGE, K7), row)
+    third = 0.0
     if scheme == PAIR:
         third = D1 * layer_mass(block_load(buffer, AT_STAGE, K1), row)
         third += D3 * layer_mass(block_load(buffer, AT_STAGE, K3), row)
@@ -1155,12 +1195,10 @@ def land_in_step(buffer, layers, h, t, scheme):
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
     size = (layers + 1) * int(buffer[N_ACTIVE])
-    if scheme == STABILISED:
-        integrate_ends(buffer, h, size)
-    elif scheme == POSITIVE:
-        integrate_positive(buffer, h, size)
-    else:
+    if scheme == PAIR:
         integrate_stages(buffer, h, size)
+    else:
+        integrate_ends(buffer, h, size)
 
 
 # --- the implicit step, extrapolated -------------------------------------------------------------
@@ -1636,7 +1674,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             before = growth
             if buffer[PART] < buffer[N_PARTS]:
                 add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
-            ended = scheme != POSITIVE and landed == 1.0  # with its last rates at its end
+            ended = landed == 1.0  # with its last rates at its end
             if landed < 1.0:
                 land_in_step(buffer, layers, h, landed, scheme)
                 h *= landed
@@ -1682,33 +1720,63 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
 
 
 @kernel
-def margins(buffer):
-    """How much an estimate may be above the tolerance: pair, order 3, stabilised."""
+def has_kinks(buffer):
+    """Whether the rates have a kink at every size or in every layer."""
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
     model = int(parameter[SEGREGATION_MODEL])
     partly = model == PROPORTIONAL and parameter[SEGREGATION_PROPORTION] > 0.0
-    kinks = partly or model == CLASSIFIED or reconstructed(buffer)
-    return MARGIN_SORTED if kinks else MARGIN
+    return partly or model == CLASSIFIED or reconstructed(buffer)
 
 
 @kernel
-def choose_scheme(buffer, book, fastest, left, gain):
+def choose_scheme(buffer, book, fastest, left):
     """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
 
-    `wide` is the step that the stabilised scheme's error allows, that of order 3 is longer by
-    `gain`. Returns the scheme and h [s].
+    The cost is rates over time: six a step of the pair, as many as stages of the others. Returns
+    the scheme and h [s].
     """
-    wide = book[D_WIDE] if book[D_WIDE] > 0.0 else FIRST / max(fastest, FIRST / left)
-    spread = wide * fastest
-    if spread > WIDE_FROM and buffer[N_SOURCE] < 2.0:
-        scheme, h = STABILISED, min(wide, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
-    elif gain * spread > 4.0 / 6.0 * STABLE:  # four rates a step against six
-        scheme, h = POSITIVE, min(gain * wide, POSITIVE_STABLE / fastest)
-    else:
-        most = STABLE / fastest if fastest > 0.0 else left
-        scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else FIRST_PAIR * most, most)
+    most = STABLE / fastest if fastest > 0.0 else left
+    scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else FIRST_PAIR * most, most)
+    cost = 6.0 / h
+    wide = book[D_WIDE]
+    if wide > 0.0:
+        for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
+            reach = CHAIN_STABLE[stages - CHAIN_LEAST]
+            reach = min(wide, reach / fastest) if fastest > 0.0 else wide
+            if stages < cost * reach:
+                scheme, h, cost = CHAIN, reach, stages / reach
+    if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[N_SOURCE] < 2.0:
+        reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
+        if stages_for(reach * fastest) < cost * reach:
+            scheme, h = STABILISED, reach
     # Steps of one length to the end.
     return scheme, left / max(1.0, ceil(left / h - SLACK))
+
+
+@kernel
+def step_factor(error, scheme):
+    """Next step over this one, of which `error` is the estimate as a part of what is allowed.
+
+    What is allowed grows with the step: an error of order h^p leaves the root of order p - 1. That
+    of the pair, 5, is taken as 16/3, that of the chain, 3, as 16/5: square roots are cheap.
+    """
+    root = sqrt(max(error, 1e-10))
+    if scheme == STABILISED:
+        return SAFETY_WIDE / root
+    root = sqrt(root)
+    if scheme == CHAIN:
+        return SAFETY_WIDE / (root * sqrt(sqrt(root)))
+    root = sqrt(root)
+    return SAFETY / (root * sqrt(root))
+
+
+@kernel
+def longest_step(scheme, h, fastest):
+    """A step that may be a little longer than h, but for stability, s."""
+    if scheme == STABILISED or fastest == 0.0:
+        return STRETCH * h
+    most = STABLE if scheme == PAIR else CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
+    return min(STRETCH * h, max(h, most / fastest))
 
 
 @inlined
@@ -1723,13 +1791,14 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
     distance = mass_to_kink(buffer, scene, load, layers, growth)
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
     mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
-    margin = margins(buffer)
-    gain = sqrt(ERROR_STABILISED / ERROR_POSITIVE * margin[POSITIVE] / margin[STABILISED])
-    scheme, h = choose_scheme(buffer, book, fastest, left, gain)
-    cut = 0.0 < kink < h
+    kinks = has_kinks(buffer)
+    margin = MARGIN_SORTED if kinks else MARGIN
+    scheme, h = choose_scheme(buffer, book, fastest, left)
+    cut = 0.0 < kink < STRETCH * h
     if cut:
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
-        h = min(h, PAST * kink) if layers > 1 and growth < 0.0 else kink
+        past = PAST * kink if layers > 1 and growth < 0.0 else kink
+        h = min(past, longest_step(scheme, h, fastest), left)
     landings, first = 0, book[D_WIDE] == 0.0 and buffer[N_PARTS] > 0.0
     landed = 1.0
     while True:
@@ -1737,10 +1806,13 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
         if scheme == STABILISED:
             stages = stages_for(h * fastest)
             error = stabilised_step(buffer, scene, layers, h, stages, moment) / allowed
-        elif scheme == POSITIVE:
-            error = positive_step(buffer, scene, layers, h, moment) / allowed
+        elif scheme == CHAIN:
+            stages = chain_stages(h * fastest)
+            error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
         else:
             error = pair_step(buffer, scene, layers, h, moment) / allowed
+            if not kinks and buffer[N_SOURCE] == 0.0:
+                error *= max(LEAST_HIGHER, HIGHER * h * fastest)
         moved = abs(layer_mass(staged, layers - 1) - mass)
         if distance > 0.0 and moved > distance + miss * full and landings < 8:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
@@ -1752,8 +1824,7 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
                 landings += 1
                 continue
             landed = part
-        root = sqrt(max(error, 1e-10))
-        fit = h * min(5.0, max(0.2, SAFETY / (sqrt(root) if scheme == PAIR else root)))
+        fit = h * min(5.0, max(0.2, step_factor(error, scheme)))
         if error > 1.0 and h > shortest:
             counter[C_COLUMN_REJECTED] += 1
             h = min(fit, 0.9 * h)
@@ -1761,22 +1832,20 @@ def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, sh
             continue
         if error > 1.0:
             counter[C_COLUMN_FORCED] += 1
-        if scheme == STABILISED:
-            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
-            counter[C_STABILISED_STEPS] += 1
-        elif scheme == POSITIVE:
-            # Not bounded as its own next step is, which stability limits.
-            fit = h / gain * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
-            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
-            counter[C_POSITIVE_STEPS] += 1
-        else:
+        if scheme == PAIR:
             book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
             if first:  # of a cohort: the next one begins with it
                 book[D_FIRST_PACE] = fit
-            error = third_order_error(buffer, h, layers) * margin[PAIR] / margin[STABILISED]
-            error = max(error / allowed, 1e-10)
-            book[D_WIDE] = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(error))
+            error = third_order_error(buffer, h, layers) * margin[PAIR] / (allowed * MARGIN_WIDE)
+            book[D_WIDE] = h * min(MOST_WIDER, step_factor(error, STABILISED))
             counter[C_PAIR_STEPS] += 1
+        elif scheme == CHAIN:
+            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
+            counter[C_CHAIN_STEPS] += 1
+        else:
+            fit *= SHORTER
+            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
+            counter[C_STABILISED_STEPS] += 1
         return h, scheme, landed
 
 

@@ -83,19 +83,25 @@ def weighted_mass(load, row, weight, weight_row):
 
 
 @kernel
-def size_moment(load, row, size):
-    """Sum over the sizes of a layer of size times areal mass, kg/m."""
+def mass_and_moment(load, row, size):
+    """Areal mass of a layer, kg/m2, and the sum over its sizes of size times areal mass, kg/m."""
     nodes = load.shape[1]
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    e, f, g, h = 0.0, 0.0, 0.0, 0.0
     whole = nodes - nodes % 4
     for i in range(0, whole, 4):
-        a += load[row, i] * size[i]
-        b += load[row, i + 1] * size[i + 1]
-        c += load[row, i + 2] * size[i + 2]
-        d += load[row, i + 3] * size[i + 3]
+        a += load[row, i]
+        b += load[row, i + 1]
+        c += load[row, i + 2]
+        d += load[row, i + 3]
+        e += load[row, i] * size[i]
+        f += load[row, i + 1] * size[i + 1]
+        g += load[row, i + 2] * size[i + 2]
+        h += load[row, i + 3] * size[i + 3]
     for i in range(whole, nodes):
-        a += load[row, i] * size[i]
-    return (a + b) + (c + d)
+        a += load[row, i]
+        e += load[row, i] * size[i]
+    return (a + b) + (c + d), (e + f) + (g + h)
 
 
 @kernel
@@ -139,16 +145,19 @@ def exchange(size, load, layers, scene, contact, percolation):
     Layer j gives rho_b w phi_j (1 - d_i/(2 r_j))^2 F_ji min(1, fill_j, fill_j-1) to the layer
     below, r_j and phi_j from its own mean grain radius and the dilation.
     """
-    well_mixed(size, load, layers, scene, contact, percolation)
+    mass = layer_mass(load, 0)
+    share = 1.0 / mass if mass > NOTHING else 0.0
+    for i in range(size.size):
+        contact[i] = share  # as where the bed is well mixed
     pace = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY]
     dilation = scene[S_DILATION]
     whole = 1.0 / scene[S_LAYER_FULL]
-    fill_below = layer_mass(load, 0) / scene[S_CONTACT_LOAD]
+    fill_below = mass / scene[S_CONTACT_LOAD]
     for j in range(1, layers):
-        mass = layer_mass(load, j)
+        mass, moment = mass_and_moment(load, j, size)
         fill = mass * whole
         inverse = 1.0 / mass if mass > NOTHING else 0.0
-        radius = 0.5 * size_moment(load, j, size) * inverse
+        radius = 0.5 * moment * inverse
         opening = 2.0 * gap_radius(radius, dilation)
         # rate (1 - d/opening)^2 with the division by opening^2 before the loop
         rate = pace * min(1.0, fill, fill_below) * gap_open_area(radius, dilation) * inverse

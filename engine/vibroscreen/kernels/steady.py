@@ -126,7 +126,8 @@ def clear_slice(buffer, deck):
     partial = column(buffer, AT_PARTIAL, deck)
     for i in range(carry.size):
         carry[i], fallen[i], under[i], over[i] = 0.0, 0.0, 0.0, 0.0
-        for j in range(partial.shape[0]):
+    for j in range(partial.shape[0]):
+        for i in range(carry.size):
             partial[j, i] = 0.0
     deck_vector(buffer, deck)[D_CAPACITY_ALARM] = 0.0
 
