@@ -57,7 +57,9 @@ DENSITY = 2650.0  # kg/m3, of the spheres
 BULK_DENSITY = 0.58 * DENSITY
 COARSEST = 12.0 * MM
 PASSING_TIME = 2.0  # free fall from rest through two apertures: 2 sqrt(a/g)
-DAMPING = 0.3  # goes with the velocity; chosen by the deepest deck and the flux at twice the feed
+DAMPING = 1.0  # goes with the velocity
+LIFT = 1.0  # the bed is thrown as high as the deck throws, V^2/(2 g)
+STIRRING = 0.7  # like damping round, and where a fit of all eight numbers ends
 BATCH_AREA = 0.11**2  # m2
 DECK_LENGTH = 0.66  # m
 # Spheres of one size are classes whose arithmetic mean is that size. Those of the decks can lie
@@ -78,6 +80,7 @@ FREED = (
     Parameter("passage.passing_time", 0.3, 10.0),
     Parameter("passage.damping", 0.01, 20.0),
 )
+FREED_RIDING = (*FREED, Parameter("passage.stirring", 0.01, 10.0))
 COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 5.0, 0.5, scale="linear"))
 
 
@@ -107,6 +110,8 @@ def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066
             passing_time=PASSING_TIME,
             drift=0.0,
             damping=DAMPING,
+            lift=LIFT,
+            stirring=STIRRING,
             closure="vibration",
         ),
         segregation=Segregation("exchange", closure="vibration"),
@@ -216,9 +221,11 @@ def common_fit() -> Calibration:
     return fitted(batch_runs() + deck_runs(), COMMON_NUMBERS, "batches and decks")
 
 
-def freed_fit(calibration: Calibration) -> tuple[dict[str, float], float]:
-    """Numbers and RMSE where the time in the opening and the damping are fitted too."""
-    parameters = (*calibration.fit.parameters, *FREED)
+def freed_fit(
+    calibration: Calibration, numbers: tuple[Parameter, ...]
+) -> tuple[dict[str, float], float]:
+    """Numbers and RMSE where others are fitted too."""
+    parameters = (*calibration.fit.parameters, *numbers)
     freed = calibrate(calibration.runs, parameters, starts=1, leave_out=False)
     return numbers_of(freed), rmse(by_run(freed)["fitted"].to_numpy())
 
@@ -381,6 +388,12 @@ def along(run: Run, values: dict[str, float]) -> pd.DataFrame:
     )
 
 
+def within(profile: pd.DataFrame) -> int:
+    """Segments whose undersize is modelled within two standard errors."""
+    miss = (profile["modelled"] - profile["measured"]).abs()
+    return int((miss < 2.0 * profile["error"]).sum())
+
+
 # --- pictures ------------------------------------------------------------------------------------
 def draw_batches(calibration: Calibration, picture: Path) -> None:
     """Recovery over time of the batches, simulated, fitted and left out."""
@@ -497,7 +510,7 @@ def write_batches(pictures: Path) -> str:
     draw_batches(calibration, pictures / "dem_batch.png")
     errors = by_run(calibration)
     rim, of_law, of_free = isolated()
-    freed, freed_rmse = freed_fit(calibration)
+    freed, freed_rmse = freed_fit(calibration, FREED)
     rows = [
         (name, f"{row['fitted']:.4f}", f"{row['left out']:.4f}") for name, row in errors.iterrows()
     ]
@@ -511,10 +524,11 @@ at 15 Hz, 35 mm deep; S3 4 mm; S4 half as deep; S6 a finer feed.
 0.04, with at most six). **Each case left out in turn: {calibration.fit.held_out_rmse:.4f}.** Law
 `bounce`, model `exchange`, both velocities by the closure in the vibration. Drift plays no part:
 nothing conveys. Not fitted, though these data have been looked at for it: the depth of the layers,
-12 mm, one coarsest grain; passing_time {PASSING_TIME:g}, free fall through two apertures; damping
-{DAMPING:g}. Fitted too, the last two are {freed["passage.passing_time"]:.2f} and
-{freed["passage.damping"]:.2g} at an RMSE of {freed_rmse:.4f}, but only S6 has another composition
-and only S4 another depth: each left out, they are lost.
+12 mm, one coarsest grain; passing_time {PASSING_TIME:g}, free fall through two apertures; lift
+{LIFT:g}, the height of the deck's throw; damping {DAMPING:g}. Fitted too, passing_time and damping
+are {freed["passage.passing_time"]:.2f} and {freed["passage.damping"]:.2g} at an RMSE of
+{freed_rmse:.4f}, but only S6 has another composition and only S4 another depth: each left out, they
+are lost.
 
 {table(("case", "RMSE fitted", "RMSE left out"), rows)}
 ![Recovery over time of the batches](validation/dem_batch.png)
@@ -565,11 +579,12 @@ velocity was chosen with G1 and G2 in view; its size was not.
 
 def write_decks(pictures: Path) -> str:
     """Section "DEM decks"."""
-    batch, common = numbers_of(batch_fit()), common_fit()
+    batch, common = {**numbers_of(batch_fit()), "passage.stirring": 0.0}, common_fit()
     values = numbers_of(common)
     runs, measured = deck_runs(), deck_runs(measured_velocity=True)
     draw_recoveries(common, batch, pictures / "dem_decks.png")
     profiles = {run.name: along(run, values) for run in runs}
+    inside = {name: within(profile) for name, profile in profiles.items()}
     draw_along(profiles, pictures / "dem_decks_along.png")
     errors = by_run(common)
     own, alone = deck_errors(measured, values), deck_errors(measured, batch)
@@ -577,8 +592,6 @@ def write_decks(pictures: Path) -> str:
     velocity = read("deck_cases").set_index("case")["v_bed_screen_m_s"]
     rows = []
     for run in runs:
-        inside = profiles[run.name]
-        near = (inside["modelled"] - inside["measured"]).abs() < 2.0 * inside["error"]
         rows.append(
             (
                 run.name,
@@ -588,7 +601,7 @@ def write_decks(pictures: Path) -> str:
                 f"{at(own, run.name, 'rmse'):.3f}",
                 f"{velocity[run.name]:.3f}",
                 f"{at(modelled, run.name, 'velocity'):.3f}",
-                f"{near.sum()} of {len(near)}",
+                f"{inside[run.name]} of {len(profiles[run.name])}",
             )
         )
     head = (
@@ -605,7 +618,7 @@ def write_decks(pictures: Path) -> str:
     def over(column: pd.Series, names: tuple[str, ...]) -> float:
         return rmse(column.loc[list(names)].to_numpy(dtype=float))
 
-    freed, freed_rmse = freed_fit(common)
+    freed, freed_rmse = freed_fit(common, FREED_RIDING)
     batches = tuple(run.name for run in common.runs if run.areal_mass is not None)
     in_batches = [
         (name, f"{at(errors, name, 'fitted'):.4f}", f"{at(errors, name, 'left out'):.4f}")
@@ -625,8 +638,8 @@ out in turn: {over(errors["left out"], JUDGED):.4f} on the five decks**, batches
 `plant_examples/screens/dem_plate.toml`.
 
 With the constants of the batches, nothing refitted, and the velocities of the simulation: RMSE
-{over(alone["rmse"], JUDGED):.3f} on the five. A batch does not convey, so it says nothing of the
-drift, taken as 0: near-size passes too easily then.
+{over(alone["rmse"], JUDGED):.3f} on the five. A batch does not convey, so it says nothing of drift
+and stirring, taken as 0: near-size passes too easily then.
 
 {table(head, rows)}
 ![Recovery by size of the decks](validation/dem_decks.png)
@@ -642,28 +655,34 @@ the recoveries), so the bands are honest; they do not hold a drift over the run 
 
 ![Undersize along the decks](validation/dem_decks_along.png)
 
-Where beds are thin and fast (I10, CP) the simulation passes more at the feed end and less towards
-the discharge than the engine, outside of the bands; the sums over the deck agree. The reason: what
-passes a second over the share of the size in the bed hardly changes along these decks in the
-simulation (CP, 3 mm: 33 mm/s in the first segment, 26 in the ninth; 6 mm: 9 and 10), while in the
-engine it doubles, as the openings get less crowded and the bed less deep. The batches ask for both.
+**Within the bands: {sum(inside.values())} of {sum(map(len, profiles.values()))} segments**, of I10
+and CP, where beds are thin and fast, {inside["I10"] + inside["CP"]} of 24. (Before lift and
+stirring came into the law: 38 and 6.) What passes a second over the share of the size in the bed
+hardly changes along CP in the simulation (3 mm: 33 mm/s in the first segment, 26 in the ninth;
+6 mm: 9 and 10): the bed thins from 20 to 8 mm at rest, but flies as high (95 per cent of it below
+40 mm), so less of it lies at the deck. In the law before, it doubled, as openings and bed eased.
+With the velocities of the simulation in each segment the bands are met no better.
 
 Friction of the deck is {ROLLING_FRICTION:g}, as spheres roll freely on it: that of
 [Bed velocity](#bed-velocity), chosen by the velocities of these decks and no number of the fit.
 
-With passing_time and damping fitted as well ({freed["passage.passing_time"]:.2f},
-{freed["passage.damping"]:.2g}) the RMSE over all runs, B15 among them, is {freed_rmse:.4f}; it is
-{over(errors["fitted"], tuple(errors.index)):.4f} here. Damping was held at {DAMPING:g} as decks
-with more feed are then met better: B15, which has half the weight, and the undersize at twice the
-feed of B0, {twice_the_feed(values):.1f} kg/(m2 s) (the data's README says about 9; 8.0 with 0.5).
+Held: passing_time {PASSING_TIME:g}, damping {DAMPING:g}, stirring {STIRRING:g}, lift {LIFT:g}. With
+the first three fitted as well, eight numbers in all ({freed["passage.passing_time"]:.2f},
+{freed["passage.damping"]:.2f}, {freed["passage.stirring"]:.2f}), the RMSE over all runs, B15 among
+them, is {freed_rmse:.4f}; it is {over(errors["fitted"], tuple(errors.index)):.4f} here. They are
+held as a fit without one of the cases finds others. The round numbers were chosen with all of these
+data in view, errors of cases left out and bands among them. At twice the feed of B0 the undersize
+is {twice_the_feed(values):.1f} kg/(m2 s) (the data's README says about 9).
 
 The blank feed plate of the simulations, 77 mm, is left out: the bed enters mixed. The depth of the
 layers, 12 mm, is that of the coarsest grain.
 
 What was tried (figures of one day, not written anew with this page: RMSE of the common fit on the
-five decks, and the segments of I10 and CP, 24 in all, within the bands):
+five decks, and the segments of I10 and CP, 24 in all, within the bands).
 
-- The law before: opening lost by subtraction, g max(0, g - s v/sqrt(g a)), damping 0.5. Friction
+Before lift and stirring:
+
+- The first law: opening lost by subtraction, g max(0, g - s v/sqrt(g a)), damping 0.5. Friction
   0.5: 0.0368, 5 segments, left out 0.0482. Friction 0.4: 0.0371, 6, left out 0.0687, CP 0.118, as
   near-size is hopeless in fast beds.
 - exp(-x), exp(-x sqrt(a/d)), 1/(1 + x/2)^2 in place of 1/(1 + x), x = s v d/(sqrt(g a) g a):
@@ -674,7 +693,25 @@ five decks, and the segments of I10 and CP, 24 in all, within the bands):
   sink, 0.0309, 4. Neither changes the shape along the deck.
 - The same with passing_time fitted too: no damping 0.0379, 6 (batches 0.055); damping fitted and a
   cover 1 - exp(-H/h_c), as thin beds bounce over the deck, 0.0319, 4 (0.0290, 4 without).
-- Coarse grains that block openings, in the law as it is: fitted to nothing.
+- Coarse grains that block openings: fitted to nothing.
+- The last law: damping 0.3. 0.0325, 6 (38 of all 72), left out 0.0431, batches 0.0367 and 0.0406.
+
+With them, five numbers fitted unless said (also all 72 segments, and the five decks left out):
+
+- As it is 0.029, 17 (50), 0.038. Stirring 0.5 or 0.8: 11 (46), 18 (48), left out alike. Lift 0.6
+  or 1.2: 0.031 and 0.029, 14 and 17. Damping 0.7 or 1.5: 0.030, 18 and 15, left out 0.040.
+- Lift alone, eight numbers: 0.030, 5 (41), 0.050. Stirring 1 alone: 0.038, 14 (47), 0.052.
+- A lift that does not depend on V, or goes with V: 0.035, 14 and 0.031, 15; left out 0.047, 0.041.
+- Openings that lose no grain, 1/max(1, B) in place of 1/(1 + B), with lift, six numbers: 0.035, 16
+  (49), but left out 0.052, batches 0.061: only S6 reaches that limit. Two or three places to wait
+  lie between.
+- Layers of 6 or 8 mm: 0.037, 11 and 14 (49, 50), 0.046 to 0.048. Of 14 mm: 0.031, 22 (52), 0.042.
+  Percolation slower by 1 + H/(2 a): 0.029, 17 (49), 0.038. The fine grains of thin beds lie much
+  lower in the simulation (in I10 by half of the mean height) than in `exchange`, whatever its
+  numbers.
+- Lift and free powers of V in tries, damping and crowding, or of the mean size of the grains in
+  the damping (segments in the fit too, no stirring): 0.031, 9 (48) and 0.031, 8 (42).
+- The velocities of the simulation in each segment: 0.029, 17 (51), left out 0.039.
 """
 
 

@@ -26,12 +26,14 @@ from vibroscreen.size_classes import SizeClasses
 
 GRAVITY = 9.81
 APERTURE, OPEN_AREA, RHO, CONTACT = 0.008, 0.5, 1600.0, 0.01
+THROW = (2.0 * math.pi * 15.0 * 0.003) ** 2 / (2.0 * GRAVITY)  # m, V^2/(2 g) of the plate
 FALL = math.sqrt(GRAVITY * APERTURE)  # m/s
 SOLIDS = 0.58
 # Classes whose means are 2, 4, 6, 7 and 12 mm.
 SIZES = np.array([2.0, 4.0, 6.0, 7.0, 12.0]) * 1e-3
 EDGES = (0.0015, 0.0025, 0.0055, 0.0065, 0.0075, 0.0165)
-BARE = {"rim": 0.0, "passing_time": 0.0, "drift": 0.0, "damping": 0.0}
+NUMBERS = ("rim", "passing_time", "drift", "damping", "lift", "stirring")
+BARE = dict.fromkeys(NUMBERS, 0.0)
 TOLERANCE = 1e-6
 
 
@@ -161,10 +163,53 @@ def test_a_deep_bed_holds_its_grains_down() -> None:
     assert_allclose(batch(config, load, 1, list(times)), 1.0 - left / load, atol=2e-6)
 
 
+def test_a_thrown_bed_lies_loosely() -> None:
+    """dm/dt = -q m/(m + rho_b l) while the contact layer is full: m + rho_b l log m falls evenly."""
+    lift, velocity = 1.6, 0.05
+    config = plate(velocity, rim=1.0, lift=lift)
+    load, time = 6.0 * RHO * CONTACT, 1.5
+    left = load * (1.0 - batch(config, load, 1, [time])[0])
+    assert left > RHO * CONTACT
+    fallen = (load - left) + RHO * lift * THROW * math.log(load / left)
+    assert_allclose(fallen, RHO * velocity * OPEN_AREA * time, rtol=1e-5)
+
+
+@pytest.mark.parametrize("lift", [0.5, 2.0])
+def test_a_thin_thrown_bed_passes_at_a_lower_rate(lift: float) -> None:
+    """k = u phi g^2/(h_c + l): as if the contact layer were deeper by the lift."""
+    rate = 0.05 * OPEN_AREA * (1.0 - SIZES[1] / APERTURE) ** 2 / (CONTACT + lift * THROW)
+    times = [0.2, 1.0, 3.0]
+    recovery = batch(plate(0.05, lift=lift), 1e-5, 1, times)
+    assert_allclose(recovery, -np.expm1(-rate * np.array(times)), atol=2e-5)
+
+
+def test_riding_on_takes_from_damping_and_crowding_alike() -> None:
+    """Stirring is the same as damping and passing_time over 1 + stirring v/sqrt(g a)."""
+    stirring, velocity = 0.7, 0.2
+    less = 1.0 + stirring * velocity / FALL
+    stirred = plate(0.3, rim=0.3, passing_time=2.0, damping=1.0, stirring=stirring)
+    by_hand = plate(0.3, rim=0.3, passing_time=2.0 / less, damping=1.0 / less)
+    assert_allclose(
+        Screen(stirred).solve_steady().recovery,
+        Screen(by_hand).solve_steady().recovery,
+        atol=1e-9,
+    )
+
+
 def test_a_mixed_deck_against_scipy() -> None:
     """All of the law at once in a well mixed bed of five sizes."""
     rim, passing_time, drift, damping, u, v = 0.3, 1.8, 0.5, 0.5, 0.5, 0.2
-    config = plate(u, rim=rim, passing_time=passing_time, drift=drift, damping=damping)
+    lift, stirring = 0.8, 0.6
+    config = plate(
+        u,
+        rim=rim,
+        passing_time=passing_time,
+        drift=drift,
+        damping=damping,
+        lift=lift,
+        stirring=stirring,
+    )
+    less = 1.0 + stirring * v / FALL
     passes = SIZES < APERTURE
     chance = np.zeros(SIZES.size)
     guided = 1.0 - (1.0 - rim) * SIZES[passes] / APERTURE
@@ -172,12 +217,14 @@ def test_a_mixed_deck_against_scipy() -> None:
     fed = np.array(config.feed.mass_fraction) * 5.0 / v
 
     def change(_: float, load: np.ndarray) -> np.ndarray:
-        held = 1.0 + damping * load.sum() / (RHO * APERTURE)
+        held = 1.0 + damping / less * load.sum() / (RHO * APERTURE)
+        held *= 1.0 + lift * THROW / max(load.sum() / RHO, CONTACT)
         lying = load / load.sum() * min(1.0, load.sum() / (RHO * CONTACT))
         tried = RHO * u * OPEN_AREA * chance * lying / held  # kg/(m2 s), each grain alone
         grain = RHO / SOLIDS * math.pi / 6.0 * np.maximum(SIZES, 0.5 * APERTURE) ** 3
         a_second = (tried / grain).sum() * APERTURE**2 / OPEN_AREA
-        return -tried / (1.0 + passing_time * math.sqrt(APERTURE / GRAVITY) * a_second)
+        taken = passing_time / less * math.sqrt(APERTURE / GRAVITY)
+        return -tried / (1.0 + taken * a_second)
 
     exact = solve_ivp(change, (0.0, 2.0 / v), fed, rtol=1e-10, atol=1e-12)
     assert_allclose(

@@ -104,6 +104,8 @@ TUNABLE = {
     "passage.passing_time": ("1", None),
     "passage.drift": ("1", None),
     "passage.damping": ("1", None),
+    "passage.lift": ("1", None),
+    "passage.stirring": ("1", None),
     "segregation.velocity": ("m/s", None),
     "segregation.dilation": ("m", "mm"),
     "segregation.proportion": ("1", None),

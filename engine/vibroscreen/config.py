@@ -372,7 +372,8 @@ class Passage:
     where the rim guides all grains in whose centre is over the opening; passing_time for which a
     grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
     to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
-    bed as deep as the aperture.
+    bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
+    a bed that rides on at sqrt(g aperture) holds and crowds its grains less.
     """
 
     law: str = field(
@@ -388,8 +389,10 @@ class Passage:
     passing_time: float = field(
         default=2.0, metadata=number("passing_time", at_least=0.0, at_most=100.0)
     )
-    drift: float = field(default=0.5, metadata=number("drift", at_least=0.0, at_most=10.0))
-    damping: float = field(default=0.3, metadata=number("damping", at_least=0.0, at_most=100.0))
+    drift: float = field(default=1.5, metadata=number("drift", at_least=0.0, at_most=10.0))
+    damping: float = field(default=1.0, metadata=number("damping", at_least=0.0, at_most=100.0))
+    lift: float = field(default=1.0, metadata=number("lift", at_least=0.0, at_most=100.0))
+    stirring: float = field(default=0.7, metadata=number("stirring", at_least=0.0, at_most=100.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:

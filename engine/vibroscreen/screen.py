@@ -78,6 +78,8 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
         "",
         "0 is for thin beds",
     ),
+    ("parameter", "passage_lift"): ("passage.lift", "", "0 keeps the bed on the deck"),
+    ("parameter", "passage_stirring"): ("passage.stirring", "", "0 is for beds that do not convey"),
     ("parameter", "segregation_model"): ("segregation.model", "", ""),
     ("parameter", "segregation_velocity"): (
         "segregation.velocity",
@@ -461,6 +463,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         "passage_passing_time": config.passage.passing_time,
         "passage_drift": config.passage.drift,
         "passage_damping": config.passage.damping,
+        "passage_lift": config.passage.lift,
+        "passage_stirring": config.passage.stirring,
         "segregation_model": registry.model("segregation", config.segregation.model).number,
         "segregation_velocity": config.segregation.velocity,
         "segregation_dilation": config.segregation.dilation,

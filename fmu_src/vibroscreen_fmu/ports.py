@@ -112,6 +112,12 @@ _PARAMETERS = {
     "passage_damping": _Meaning(
         "How a deep bed keeps grains from bouncing, used by the passage law bounce", _TUNABLE
     ),
+    "passage_lift": _Meaning(
+        "How high the vibration throws the bed, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_stirring": _Meaning(
+        "How riding on frees bed and openings, used by the passage law bounce", _TUNABLE
+    ),
     "segregation_model": _Meaning("How fine grains find their way down through the bed"),
     "segregation_velocity": _Meaning(
         "Velocity at which fine grains percolate down through the bed", _TUNABLE

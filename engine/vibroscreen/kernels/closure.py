@@ -40,6 +40,13 @@ def peak_normal_velocity(harmonic, frequency):
 
 
 @kernel
+def throw_height(harmonic, frequency):
+    """Height to which the deck throws, V^2/(2 g) [m]."""
+    velocity = peak_normal_velocity(harmonic, frequency)
+    return 0.5 * velocity * velocity / GRAVITY
+
+
+@kernel
 def looseness(acceleration):
     """How loose shaking keeps the bed: (1 - 1/K^2)^2, 0 up to K = 1."""
     if acceleration <= 1.0:

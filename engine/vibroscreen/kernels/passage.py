@@ -18,15 +18,18 @@ from vibroscreen.kernels.jit import call_passage, kernel
 from vibroscreen.kernels.layout import (
     S_APERTURE,
     S_BED_LOAD,
+    S_CONTACT_LOAD,
     S_COVER,
     S_DAMPING,
     S_DENSITY,
     S_DRIFT,
+    S_LIFT,
     S_LOOSENING,
     S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
     S_PASSING_TIME,
     S_RIM,
+    S_STIRRING,
     S_TRANSPORT_VELOCITY,
 )
 
@@ -76,18 +79,23 @@ def pelevin(size, fraction, scene, probability):
 
 @kernel
 def bounce(size, fraction, scene, probability):
-    """Grains that bounce: guided by the rim, carried on, crowded in the openings, held by the bed.
+    """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
 
-    P_i = phi G_i/((1 + damping H/a) (1 + B)), G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)) with
-    g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0; H = depth of the bed. B = the time for which an
-    opening is taken up, passing_time sqrt(a/g)/loosening for one grain or for as many finer ones as
-    fill it, times their number a second.
+    P_i = phi G_i/((1 + lift/max(H, h_c)) (1 + damping H/(S a)) (1 + B)), H = depth of the bed,
+    G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
+    S = 1 + stirring v/sqrt(g a). B = the time for which an opening is taken up,
+    passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer ones as fill it, times
+    their number a second.
     """
     aperture = scene[S_APERTURE]
     fall = sqrt(GRAVITY * aperture)
-    carried = scene[S_DRIFT] * scene[S_TRANSPORT_VELOCITY] / (fall * aperture)
+    ride = scene[S_TRANSPORT_VELOCITY] / fall
+    carried = scene[S_DRIFT] * ride / aperture
     beyond = (1.0 - scene[S_RIM]) / aperture
-    held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (scene[S_DENSITY] * aperture)
+    stirred = 1.0 + scene[S_STIRRING] * ride
+    held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (stirred * scene[S_DENSITY] * aperture)
+    bed = max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
+    held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / bed
     crowd = 0.0
     for i in range(size.size):
         guided = 1.0 - beyond * size[i] if size[i] < aperture else 0.0
@@ -97,7 +105,7 @@ def bounce(size, fraction, scene, probability):
         room = max(size[i], 0.5 * aperture)
         crowd += probability[i] * fraction[i] / (room * room * room)
     tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])
-    taken = scene[S_PASSING_TIME] * aperture / fall * aperture * aperture
+    taken = scene[S_PASSING_TIME] * aperture / (fall * stirred) * aperture * aperture
     busy = taken * tries * _PER_VOLUME * crowd if tries > 0.0 else 0.0
     scale = scene[S_OPEN_AREA] / (held * (1.0 + busy))
     for i in range(size.size):

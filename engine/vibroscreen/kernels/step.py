@@ -15,6 +15,7 @@ from vibroscreen.kernels.closure import (
     OF_SEGREGATION,
     passage_factor,
     percolation_factor,
+    throw_height,
 )
 from vibroscreen.kernels.deck import (
     clear_deck,
@@ -150,8 +151,10 @@ from vibroscreen.kernels.layout import (
     PASSAGE_DAMPING,
     PASSAGE_DRIFT,
     PASSAGE_LAW,
+    PASSAGE_LIFT,
     PASSAGE_PASSING_TIME,
     PASSAGE_RIM,
+    PASSAGE_STIRRING,
     PASSAGE_VELOCITY,
     R_CODE,
     R_INDEX,
@@ -171,6 +174,7 @@ from vibroscreen.kernels.layout import (
     S_HORIZON,
     S_INCLINATION,
     S_LAYER_LOAD,
+    S_LIFT,
     S_LOOSENING,
     S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
@@ -178,6 +182,7 @@ from vibroscreen.kernels.layout import (
     S_PROPORTION,
     S_RIM,
     S_SEGREGATION_VELOCITY,
+    S_STIRRING,
     S_THROW_ANGLE,
     S_THROW_NUMBER,
     S_TRANSPORT_STATUS,
@@ -242,6 +247,8 @@ PARAMETER_LIMITS = (
     (PASSAGE_PASSING_TIME, 0.0, 100.0),
     (PASSAGE_DRIFT, 0.0, 10.0),
     (PASSAGE_DAMPING, 0.0, 100.0),
+    (PASSAGE_LIFT, 0.0, 100.0),
+    (PASSAGE_STIRRING, 0.0, 100.0),
     (SEGREGATION_VELOCITY, 0.0, 100.0),
     (SEGREGATION_DILATION, 0.0, 1.0),
     (SEGREGATION_PROPORTION, 0.0, 1.0),
@@ -498,19 +505,21 @@ def stop_together(buffer, deck):
 # --- scene -------------------------------------------------------------------------------------
 @kernel
 def close_scene(buffer, deck, number, scene):
-    """Scale u and w of a panel by what its vibration makes of them, where a closure is chosen."""
+    """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
+    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
     closure = scalars(buffer, AT_CLOSURE, 2)
-    scene[S_LOOSENING] = 1.0
-    if closure[OF_PASSAGE] == 0.0 and closure[OF_SEGREGATION] == 0.0:
+    scene[S_LOOSENING], scene[S_LIFT] = 1.0, 0.0
+    if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + parameter[PASSAGE_LIFT] == 0.0:
         return
     panel = panel_vector(buffer, deck, number)
     harmonic = panel_motion(buffer, panel)
     frequency = scalars(buffer, AT_INPUT, len(INPUT))[FREQUENCY]
+    scene[S_LIFT] = parameter[PASSAGE_LIFT] * throw_height(harmonic, frequency)
     if closure[OF_PASSAGE] > 0.0:
         scene[S_LOOSENING] = passage_factor(harmonic, frequency, panel[APERTURE])
         scene[S_PASSAGE_VELOCITY] *= scene[S_LOOSENING]
     if closure[OF_SEGREGATION] > 0.0:
-        depth = scalars(buffer, AT_PARAMETER, len(PARAMETER))[CONTACT_DEPTH]
+        depth = parameter[CONTACT_DEPTH]
         scene[S_SEGREGATION_VELOCITY] *= percolation_factor(harmonic, frequency, depth)
 
 
@@ -530,6 +539,7 @@ def set_scene(buffer, deck, number, scene):
     close_scene(buffer, deck, number, scene)
     scene[S_RIM], scene[S_PASSING_TIME] = parameter[PASSAGE_RIM], parameter[PASSAGE_PASSING_TIME]
     scene[S_DRIFT], scene[S_DAMPING] = parameter[PASSAGE_DRIFT], parameter[PASSAGE_DAMPING]
+    scene[S_STIRRING] = parameter[PASSAGE_STIRRING]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
     scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
