@@ -242,15 +242,19 @@ def test_errors_fall_as_settings_are_refined(result: tuple[dict[str, dict], Path
     assert order == pytest.approx(1.0, abs=0.15)
 
 
+OURS = ("ours", "ours_bare", "same_ours", "same_ours_bare")
+
+
 def test_settings_at_a_level_reach_it(result: tuple[dict[str, dict], Path]) -> None:
     scenes, _ = result
     for name in ("d", "e"):
         assert scenes[name]["march_limit_less_reference"] < 2e-4
         for row in scenes[name]["levels"]:
-            for solver in ("ours", "march", "heun", "cells", "same_ours", "same_march"):
+            for solver in (*OURS, "march", "heun", "cells", "same_march"):
                 if row[solver] is not None and math.isfinite(row[solver]["error"]):
                     assert row[solver]["error"] <= row["level"]
             assert row["same_ours"] is not None
+            assert row["same_ours_bare"] is not None
             assert set(row["ratio"]) >= set(bench.RATIO)
             assert all(ratio > 0.0 for ratio in row["ratio"].values())
     assert scenes["d"]["rmse_to_measured"] < 0.06
