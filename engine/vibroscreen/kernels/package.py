@@ -336,7 +336,8 @@ def gather(buffer, scene, load, reference, layers):
     """Copy a column into the block NOW without the sizes that take no part.
 
     Left out are sizes of which nothing is there or lands; what is left of a size that is used up
-    passes at once; the coarse sizes that move alike become one. `place` says where a size is.
+    passes at once; the coarse sizes that move alike become one. `place` says where a size is. The
+    last size may come twice, the second time without mass.
     """
     nodes = load.shape[1]
     switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
@@ -382,10 +383,16 @@ def gather(buffer, scene, load, reference, layers):
         share[i] = total[i] / gathered if gathered > 0.0 else 0.0
     if gathered > 0.0:
         counter[C_COARSE_SKIPPED] += nodes - coarse - 1.0
-    buffer[N_ACTIVE] = max(1, count + (1 if gathered > 0.0 else 0))
+    taking_part = max(1, count + (1 if gathered > 0.0 else 0))
+    # Loops go over four sizes at once: one of nothing is cheaper than three that are left over.
+    idle = taking_part % 4 == 3 and taking_part < nodes
+    buffer[N_ACTIVE] = taking_part + (1 if idle else 0)
     fill_block(buffer, load, reference, layers, coarse)
+    compact_size = active_vector(buffer, AT_COMPACT, 0)
     if gathered > 0.0:
-        active_vector(buffer, AT_COMPACT, 0)[count] = moment / gathered
+        compact_size[count] = moment / gathered
+    if idle:
+        compact_size[taking_part] = compact_size[taking_part - 1]
     return coarse
 
 
@@ -1737,17 +1744,17 @@ def choose_scheme(buffer, book, fastest, left):
     """
     most = STABLE / fastest if fastest > 0.0 else left
     scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else FIRST_PAIR * most, most)
-    cost = 6.0 / h
+    rates = 6
     wide = book[D_WIDE]
     if wide > 0.0:
+        slowest = 1.0 / fastest if fastest > 0.0 else left
         for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
-            reach = CHAIN_STABLE[stages - CHAIN_LEAST]
-            reach = min(wide, reach / fastest) if fastest > 0.0 else wide
-            if stages < cost * reach:
-                scheme, h, cost = CHAIN, reach, stages / reach
+            reach = min(wide, CHAIN_STABLE[stages - CHAIN_LEAST] * slowest)
+            if stages * h < rates * reach:
+                scheme, h, rates = CHAIN, reach, stages
     if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[N_SOURCE] < 2.0:
         reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
-        if stages_for(reach * fastest) < cost * reach:
+        if stages_for(reach * fastest) * h < rates * reach:
             scheme, h = STABILISED, reach
     # Steps of one length to the end.
     return scheme, left / max(1.0, ceil(left / h - SLACK))
