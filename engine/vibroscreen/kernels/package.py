@@ -432,6 +432,8 @@ def fill_block(buffer, load, reference, layers, coarse):
     for n in range(count):
         weight[n] = 1.0 / weight[n] if weight[n] > NOTHING else 0.0
     for k in range(terms):
+        for n in range(count):
+            landing[k, n] = 0.0
         for i in range(nodes):
             n = int(place[i])
             if n >= 0:
