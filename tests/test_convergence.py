@@ -92,6 +92,14 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
     assert slope(numbers, errors) == pytest.approx(order, abs=0.4), errors
 
 
+def decayed(a: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Stages of an explicit Runge-Kutta scheme on y' = -y from 1, in steps of z [stage, step]."""
+    stage = np.ones((len(a), z.size))
+    for j in range(1, len(a)):
+        stage[j] = 1.0 - z * (a[j] @ stage)
+    return stage
+
+
 def butcher(stages: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The chain as a Runge-Kutta scheme with the next step's first stage: a, b, and the error's b."""
     row = stages - package.CHAIN_LEAST
@@ -123,9 +131,7 @@ def test_conditions_of_the_chain(stages: int) -> None:
 
     reach = package.CHAIN_STABLE[stages - package.CHAIN_LEAST]
     z = reach * np.linspace(0.0, 1.0, 20001)
-    stage = np.ones((stages + 1, z.size))
-    for j in range(1, stages + 1):
-        stage[j] = 1.0 - z * (a[j] @ stage)
+    stage = decayed(a, z)
     assert np.abs(stage).max() <= 1.0 + 1e-12
     missed = stage[stages] - np.exp(-z)
     slope = np.diff(missed)
@@ -146,9 +152,7 @@ def test_estimate_of_the_pair() -> None:
     a, b = np.zeros((7, 7)), package.A[5]
     a[1:, :6] = package.A
     z = np.linspace(0.05, package.STABLE, 500)
-    stage = np.ones((7, z.size))
-    for j in range(1, 7):
-        stage[j] = 1.0 - z * (a[j] @ stage)
+    stage = decayed(a, z)
     estimate = np.abs(z * ((np.append(b, 0.0) - package.B_LOW) @ stage))
     missed = np.abs(stage[6] - np.exp(-z))
     assert (missed <= package.HIGHER * z * estimate).all()
