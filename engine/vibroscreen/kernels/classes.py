@@ -51,6 +51,9 @@ from vibroscreen.kernels.segregation import (
 )
 
 MOST_NODES = 24  # on a piece, where the engine chooses
+# Part of the tolerance that the nodes may use: half their error costs a node or two a class, half
+# that of the steps more. Not where a kink leaves an error of second order (sorted models).
+NODE_SHARE = 0.6
 # Least K = rho_b u phi W L/Q0 that the nodes are made for (15 on the default screen), through the
 # openings and through the gaps of `exchange`, whose open area is about GAP_SHARE of a deck's.
 LEAST_PASSAGE, LEAST_PERCOLATION, GAP_SHARE = 50.0, 10.0, 0.4
@@ -124,6 +127,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     least, coefficient, power = 1, 0.0, 1.0
     scale = aperture
     if model == EXCHANGE:
+        tolerance *= NODE_SHARE
         dilation = parameter[SEGREGATION_DILATION]
         finest = 2.0 * gap_radius(0.25 * (edge[0] + edge[1]), dilation)
         coarsest = 2.0 * gap_radius(0.5 * edge[edge.size - 1], dilation)
@@ -156,8 +160,9 @@ def _piece_count(low, high, whole, edge, aperture, parameter, strength):
         return int(parameter[SUBDIVISION])
     # One node cannot hold what a class has on either side of an aperture.
     nodes = 1 if whole else 2
+    tolerance = NODE_SHARE * parameter[TOLERANCE]
     for k in range(aperture.size):
-        nodes = max(nodes, piece_nodes(low, high, aperture[k], strength[0], parameter[TOLERANCE]))
+        nodes = max(nodes, piece_nodes(low, high, aperture[k], strength[0], tolerance))
     largest = aperture[aperture.size - 1]
     return max(nodes, _kink_nodes(low, high, edge, largest, parameter, strength))
 

@@ -19,7 +19,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from vibroscreen.kernels.elementary import cosh, log, raised, sinh
-from vibroscreen.kernels.jit import inlined, kernel, view1, view2, viewing
+from vibroscreen.kernels.jit import folded, inlined, kernel, view1, view2, viewing
 from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
@@ -139,7 +139,7 @@ SHORTEST = 1e-10
 # A size of which this part of the tolerance is left has passed.
 USED_UP = 1e-4
 # Accepted steps after which sizes are looked through again.
-REVIEW = 16
+REVIEW = 24
 # Proportions inside the sizes that move alike are equal up to this.
 ALIKE = 1e-12
 # Differences of a mass fraction below this bound no slope.
@@ -152,8 +152,9 @@ STIFF = 3000.0
 # The stabilised scheme: its damping and the most stages of a step.
 DAMPING = 2.0 / 13.0
 MOST_STAGES = 60
-# A first step of the pair, as a part of the longest that is stable.
-FIRST_PAIR = 0.33
+# A first step of the pair, as a part of the longest that is stable: at a tolerance of 1e-3, and at
+# most. An error of order 6 in a step meets a tolerance with its sixth root.
+FIRST_PAIR, MOST_FIRST = 0.33, 0.7
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
 PAIR, CHAIN, STABILISED = range(3)
 # The pair's estimate is that of order 4. Of what changes smoothly at any real rate up to the
@@ -166,7 +167,7 @@ MARGIN = (5.0, 7.0, 5.0)
 MARGIN_SORTED = (3.0, 2.0, 5.0)
 # The same for the steps of the chain that an error of third order in a step of the pair foretells,
 # and how many times as long as that step they may be.
-MARGIN_WIDE = 32.0
+MARGIN_WIDE = 20.0
 MOST_WIDER = 5.0
 # A last step may be this part longer than planned: the estimate has that much in reserve.
 SLACK = 0.12
@@ -558,16 +559,16 @@ def restack(buffer, scene, load, layers):
 
 
 # --- rates ---------------------------------------------------------------------------------------
-@kernel
-def passage_rates(buffer, scene, load, lower, layers, rate):
-    """Passage of each size as a rate on what row 0 holds of it, 1/s; fills the percolation too.
+@folded
+def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
+    """P_i of the sizes in row 0 and their contact weights; fills the percolation too.
 
     `lower` are the loads as they are at the lower faces of the layers; in row 0 they are `load`.
-    rho_b u P_i F_0i cover with F_0i = contact_i load_0i, cover = min(1, sigma_0/sigma_c).
+    Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
+    row 0 holds, as F_0i = contact_i load_0i.
     """
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
     size = active_vector(buffer, AT_COMPACT, 0)
-    contact = active_vector(buffer, AT_NODE_WORK, 1)
     fraction = active_vector(buffer, AT_NODE_WORK, 2)
     segregate(
         int(parameter[SEGREGATION_MODEL]),
@@ -581,12 +582,16 @@ def passage_rates(buffer, scene, load, lower, layers, rate):
     )
     for i in range(size.size):
         fraction[i] = contact[i] * load[0, i]
-    scene[S_COVER] = min(1.0, layer_mass(load, 0) / scene[S_CONTACT_LOAD])
+    scene[S_COVER] = cover
     law = int(parameter[PASSAGE_LAW])
-    passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, rate)
-    strength = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * scene[S_COVER]
-    for i in range(size.size):
-        rate[i] = max(0.0, rate[i]) * strength * contact[i]
+    passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, factor)
+    return scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * cover
+
+
+@folded
+def cover_of(scene, mass):
+    """Part of the deck that a contact layer of `mass` kg/m2 covers, min(1, sigma_0/sigma_c)."""
+    return min(1.0, mass / scene[S_CONTACT_LOAD])
 
 
 @kernel
@@ -657,6 +662,7 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
     passing = block_passed(buffer, at_rate, rate)
     weight = active_vector(buffer, AT_NODE_WORK, 0)
+    contact = active_vector(buffer, AT_NODE_WORK, 1)
     percolation = active_column(buffer, AT_PERCOLATION)
     nodes = passing.size
     top = layer_mass(load, layers - 1)
@@ -667,8 +673,10 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
         reconstruct(buffer, load, layers)
         lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
     falling = follows_share(buffer, layers)
-    passage_rates(buffer, scene, load, lower, layers, weight)
+    cover = cover_of(scene, top) if layers == 1 else 1.0
+    pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     for i in range(nodes):
+        weight[i] = max(0.0, weight[i]) * pace * contact[i]
         passing[i] = weight[i] * load[0, i]
         change[0, i] = -passing[i]
     lost = vector_sum(passing)
@@ -684,12 +692,12 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
                 change[j - 1, i] += flux
         elif falling:
             share = block_share(buffer, at_state, state, layers)
-            pace = block_share(buffer, at_rate, rate, layers)
+            share_change = block_share(buffer, at_rate, rate, layers)
             upward = weighted_mass(share, 0, percolation, j) / full
             for i in range(nodes):
                 moved = percolation[j, i] * share[0, i] - upward * upper[j - 1, i]
                 flux = top * moved + lost * share[0, i]
-                pace[0, i] = -moved
+                share_change[0, i] = -moved
                 change[j, i] = -flux
                 change[j - 1, i] += flux
         else:
@@ -733,7 +741,7 @@ def land(buffer, change, row, moment):
             change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
 
 
-@kernel
+@folded
 def vector_sum(values):
     """Sum of a vector; four sums side by side, as one alone waits for every addition."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -1252,11 +1260,15 @@ def basic_step(buffer, scene, k, layers, h, moment):
     """
     load, passed = block_load(buffer, AT_TRIAL, 2 * k), block_passed(buffer, AT_TRIAL, 2 * k)
     state, time = block(buffer, AT_TRIAL, 2 * k), block(buffer, AT_TRIAL, 2 * k + 1)
-    rate, stay = active_vector(buffer, AT_NODE_WORK, 0), active_vector(buffer, AT_NODE_WORK, 3)
+    rate, contact = active_vector(buffer, AT_NODE_WORK, 0), active_vector(buffer, AT_NODE_WORK, 1)
+    stay = active_vector(buffer, AT_NODE_WORK, 3)
     down = active_column(buffer, AT_PERCOLATION)
     up = vector(buffer, AT_UPWARD, int(buffer[N_LAYERS]), 0)
     nodes = rate.size
-    passage_rates(buffer, scene, load, load, layers, rate)
+    cover = cover_of(scene, layer_mass(load, 0))
+    pace = passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
+    for i in range(nodes):
+        rate[i] = max(0.0, rate[i]) * pace * contact[i]
     upward_rates(load, down, layers, up)
     implicit_step(load, rate, down, up, active_column(buffer, AT_SCRATCH), stay, layers, h)
     for i in range(nodes):
@@ -1677,7 +1689,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         stiff = not explicit or fastest * left >= STIFF
         if not deep and (linear or not stiff):
             h, scheme, landed = explicit_length(
-                buffer, scene, book, layers, left, kink, fastest, moment, shortest
+                buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
             )
             counter[C_COLUMN_STEPS] += 1
             before = growth
@@ -1738,6 +1750,13 @@ def has_kinks(buffer):
 
 
 @kernel
+def first_pair(buffer, book):
+    """A first step of the pair, as a part of the longest that is stable."""
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE] * book[D_SHARE]
+    return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
+
+
+@kernel
 def choose_scheme(buffer, book, fastest, left):
     """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
 
@@ -1745,15 +1764,18 @@ def choose_scheme(buffer, book, fastest, left):
     the scheme and h [s].
     """
     most = STABLE / fastest if fastest > 0.0 else left
-    scheme, h = PAIR, min(book[D_PACE] if book[D_PACE] > 0.0 else FIRST_PAIR * most, most)
+    pace = book[D_PACE] if book[D_PACE] > 0.0 else first_pair(buffer, book) * most
+    scheme, h = PAIR, min(pace, most)
     rates = 6
     wide = book[D_WIDE]
     if wide > 0.0:
-        slowest = 1.0 / fastest if fastest > 0.0 else left
+        scale = 1.0 / fastest if fastest > 0.0 else left
         for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
-            reach = min(wide, CHAIN_STABLE[stages - CHAIN_LEAST] * slowest)
+            reach = min(wide, CHAIN_STABLE[stages - CHAIN_LEAST] * scale)
             if stages * h < rates * reach:
                 scheme, h, rates = CHAIN, reach, stages
+            if reach == wide:
+                break
     if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[N_SOURCE] < 2.0:
         reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
         if stages_for(reach * fastest) * h < rates * reach:
@@ -1789,15 +1811,17 @@ def longest_step(scheme, h, fastest):
 
 
 @inlined
-def explicit_length(buffer, scene, book, layers, left, kink, fastest, moment, shortest):
+def explicit_length(
+    buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
+):
     """Find the length of an explicit step that meets the tolerance, its stages done.
 
-    Returns the length [s], the scheme, and the part of the step that lies before a kink; 1: all.
+    growth: of the top layer, kg/(m2 s); distance: what it gains or loses until a kink, kg/m2; kink:
+    time until then, s. Returns the length [s], the scheme, and the part of the step that lies
+    before a kink; 1: all.
     """
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
-    growth = top_growth(buffer, layers)
-    distance = mass_to_kink(buffer, scene, load, layers, growth)
     full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
     mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
     kinks = has_kinks(buffer)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels.displacement import GRAVITY
-from vibroscreen.kernels.jit import call_passage, kernel
+from vibroscreen.kernels.jit import call_passage, folded, kernel
 from vibroscreen.kernels.layout import (
     S_APERTURE,
     S_BED_LOAD,
@@ -61,7 +61,7 @@ def pelevin(size, fraction, scene, probability):
     """
     aperture = scene[S_APERTURE]
     open_area = scene[S_OPEN_AREA]
-    gaudin(size, fraction, scene, probability)
+    alone = open_area / (aperture * aperture)
     beside = open_area * open_area / (aperture * aperture)
     s0, s1, s2 = 0.0, 0.0, 0.0
     j = 0
@@ -73,8 +73,9 @@ def pelevin(size, fraction, scene, probability):
             s1 += fraction[j] * room
             s2 += fraction[j] * room * room
             j += 1
-        d = size[i]
-        probability[i] += beside * max(0.0, s2 - 2.0 * d * s1 + d * d * s0)
+        d, free = size[i], max(0.0, aperture - size[i])
+        shared = max(0.0, s2 - 2.0 * d * s1 + d * d * s0)
+        probability[i] = alone * free * free + beside * shared
 
 
 @kernel
@@ -112,7 +113,7 @@ def bounce(size, fraction, scene, probability):
         probability[i] *= scale
 
 
-@kernel
+@folded
 def passage_probability(law, address, size, fraction, scene, probability):
     """P_i of the chosen law; `address` is that of a user's own."""
     if law == GAUDIN:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from vibroscreen.kernels.jit import call_segregation, kernel
+from vibroscreen.kernels.jit import call_segregation, folded, kernel
 from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
     S_DENSITY,
@@ -32,6 +32,7 @@ NOTHING = 1e-280
 _RADIUS_FACTOR = 2.0 * sqrt(3.0) / 3.0
 _HEXAGON_FACTOR = sqrt(3.0)
 _PI = 3.141592653589793
+_SOLID_FACTOR = sqrt(_HEXAGON_FACTOR / _PI)
 
 
 @kernel
@@ -49,7 +50,7 @@ def gap_open_area(mean_radius, dilation):
     return min(1.0, _PI / _HEXAGON_FACTOR * ratio * ratio)
 
 
-@kernel
+@folded
 def layer_mass(load, row):
     """Areal mass of one layer, kg/m2."""
     # Four sums side by side: one alone waits for every addition.
@@ -66,7 +67,7 @@ def layer_mass(load, row):
     return (a + b) + (c + d)
 
 
-@kernel
+@folded
 def weighted_mass(load, row, weight, weight_row):
     """Sum over the sizes of a layer of weight times areal mass."""
     nodes = load.shape[1]
@@ -82,7 +83,7 @@ def weighted_mass(load, row, weight, weight_row):
     return (a + b) + (c + d)
 
 
-@kernel
+@folded
 def mass_and_moment(load, row, size):
     """Areal mass of a layer, kg/m2, and the sum over its sizes of size times areal mass, kg/m."""
     nodes = load.shape[1]
@@ -104,13 +105,18 @@ def mass_and_moment(load, row, size):
     return (a + b) + (c + d), (e + f) + (g + h)
 
 
+@folded
+def mix_contact(mass, contact):
+    """Contact weights where row 0 of `mass` kg/m2 is mixed evenly."""
+    share = 1.0 / mass if mass > NOTHING else 0.0
+    for i in range(contact.size):
+        contact[i] = share
+
+
 @kernel
 def well_mixed(size, load, layers, scene, contact, percolation):
     """The contact layer has the mean composition of the bed (the classical first-order model)."""
-    mass = layer_mass(load, 0)
-    share = 1.0 / mass if mass > NOTHING else 0.0
-    for i in range(size.size):
-        contact[i] = share
+    mix_contact(layer_mass(load, 0), contact)
 
 
 @kernel
@@ -138,7 +144,7 @@ def proportional(size, load, layers, scene, contact, percolation):
         contact[i] = (1.0 - chi) * share + chi * contact[i]
 
 
-@kernel
+@folded
 def exchange(size, load, layers, scene, contact, percolation):
     """Grains fall through the gaps of the layer below their own (the paper's improved separation).
 
@@ -146,9 +152,7 @@ def exchange(size, load, layers, scene, contact, percolation):
     below, r_j and phi_j from its own mean grain radius and the dilation.
     """
     mass = layer_mass(load, 0)
-    share = 1.0 / mass if mass > NOTHING else 0.0
-    for i in range(size.size):
-        contact[i] = share  # as where the bed is well mixed
+    mix_contact(mass, contact)
     pace = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY]
     dilation = scene[S_DILATION]
     whole = 1.0 / scene[S_LAYER_FULL]
@@ -156,20 +160,18 @@ def exchange(size, load, layers, scene, contact, percolation):
     for j in range(1, layers):
         mass, moment = mass_and_moment(load, j, size)
         fill = mass * whole
-        inverse = 1.0 / mass if mass > NOTHING else 0.0
-        radius = 0.5 * moment * inverse
-        opening = 2.0 * gap_radius(radius, dilation)
-        # rate (1 - d/opening)^2 with the division by opening^2 before the loop
-        rate = pace * min(1.0, fill, fill_below) * gap_open_area(radius, dilation) * inverse
-        square = opening * opening
-        rate = rate / square if square > NOTHING else 0.0
+        # Times the mass of the layer: 2 r_j and, as phi_j = min(1, (opening/solid)^2), `solid`.
+        opening = gap_radius(moment, 2.0 * dilation * mass)
+        solid = _SOLID_FACTOR * (moment + 2.0 * dilation * mass)
+        square = mass * max(opening * opening, solid * solid)
+        rate = pace * min(1.0, fill, fill_below) / square if square > NOTHING else 0.0
         for i in range(size.size):
-            free = max(0.0, opening - size[i])
+            free = max(0.0, opening - mass * size[i])
             percolation[j, i] = rate * free * free
         fill_below = fill
 
 
-@kernel
+@folded
 def segregate(model, address, size, load, layers, scene, contact, percolation):
     """Contact weights and percolation rates of the chosen model; `address` is a user's own."""
     if model == WELL_MIXED:
