@@ -13,7 +13,7 @@ from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.config import ScreenConfig, Solver
 from vibroscreen.kernels import layout as lay
-from vibroscreen.kernels import package
+from vibroscreen.kernels import package, rates, schemes
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.jit import kernel
 
@@ -27,16 +27,16 @@ def march_explicit(buffer, scene_, layers, h, steps, scheme):
     scheme: PAIR, STABILISED or the number of stages of the chain.
     """
     for _ in range(steps):
-        package.column_rates(
-            buffer, scene_, lay.AT_STAGE, package.NOW, layers, lay.AT_STAGE, package.K1, 0.0
+        rates.column_rates(
+            buffer, scene_, lay.AT_STAGE, rates.NOW, layers, lay.AT_STAGE, rates.K1, 0.0
         )
-        if scheme == package.PAIR:
-            package.pair_step(buffer, scene_, layers, h, 0.0)
-        elif scheme == package.STABILISED:
-            package.stabilised_step(buffer, scene_, layers, h, 5, 0.0)
+        if scheme == schemes.PAIR:
+            schemes.pair_step(buffer, scene_, layers, h, 0.0)
+        elif scheme == schemes.STABILISED:
+            schemes.stabilised_step(buffer, scene_, layers, h, 5, 0.0)
         else:
-            package.chain_step(buffer, scene_, layers, h, scheme, 0.0)
-        package.take_explicit(buffer, layers, False)
+            schemes.chain_step(buffer, scene_, layers, h, scheme, 0.0)
+        schemes.take_explicit(buffer, layers, False)
 
 
 @kernel
@@ -44,16 +44,16 @@ def march_implicit(buffer, scene_, layers, h, steps):
     """The same of the implicit scheme, extrapolated to order 3."""
     for _ in range(steps):
         for k in range(3):
-            package.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
-            package.extrapolate(buffer, k, layers)
-        package.take_implicit(buffer, scene_, layers, h)
+            schemes.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
+            schemes.extrapolate(buffer, k, layers)
+        schemes.take_implicit(buffer, scene_, layers, h)
 
 
-STAGES = range(package.CHAIN_LEAST, package.CHAIN_MOST + 1)
+STAGES = range(schemes.CHAIN_LEAST, schemes.CHAIN_MOST + 1)
 SCHEMES = {
-    "pair": (package.PAIR, 5, (1, 2, 4, 8)),
+    "pair": (schemes.PAIR, 5, (1, 2, 4, 8)),
     **{f"chain of {s}": (s, 3, (2, 4, 8, 16)) for s in STAGES},
-    "stabilised": (package.STABILISED, 2, (4, 8, 16, 32)),
+    "stabilised": (schemes.STABILISED, 2, (4, 8, 16, 32)),
     "implicit": (None, 3, (4, 8, 16, 32)),
 }
 
@@ -80,13 +80,13 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
     for steps in numbers:
         load[:] = first
         layout.view(buffer, "column_flux")[:] = 0.0
-        package.gather(buffer, scene_, load, reference, 1)
-        package.layers_for(buffer, scene_, first.sum())
+        rates.gather(buffer, scene_, load, reference, 1)
+        rates.layers_for(buffer, scene_, first.sum())
         if scheme is None:
             march_implicit(buffer, scene_, 1, TIME / steps, steps)
         else:
             march_explicit(buffer, scene_, 1, TIME / steps, steps, scheme)
-        package.scatter(buffer, load, 1, 1, TIME)
+        rates.scatter(buffer, load, 1, 1, TIME)
         errors.append(float(np.abs(load[0] - left).max() / AREAL_MASS))
     assert errors[-1] > 1e-14  # still above round-off
     assert slope(numbers, errors) == pytest.approx(order, abs=0.4), errors
@@ -102,14 +102,14 @@ def decayed(a: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 def butcher(stages: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The chain as a Runge-Kutta scheme with the next step's first stage: a, b, and the error's b."""
-    row = stages - package.CHAIN_LEAST
+    row = stages - schemes.CHAIN_LEAST
     a, b, error = np.zeros((stages + 1, stages + 1)), np.zeros(stages + 1), np.zeros(stages + 1)
-    a[range(1, stages), range(stages - 1)] = package.CHAIN_STAGE[row, : stages - 1]
-    a[stages - 1, 0] += package.CHAIN_FIRST[row]
-    b[stages - 3 : stages] = package.CHAIN_END[row]
+    a[range(1, stages), range(stages - 1)] = schemes.CHAIN_STAGE[row, : stages - 1]
+    a[stages - 1, 0] += schemes.CHAIN_FIRST[row]
+    b[stages - 3 : stages] = schemes.CHAIN_END[row]
     a[stages] = b
     places = [0, *range(stages - 4, stages + 1)]
-    np.add.at(error, places, package.CHAIN_ERROR[row])
+    np.add.at(error, places, schemes.CHAIN_ERROR[row])
     return a, b, error
 
 
@@ -129,7 +129,7 @@ def test_conditions_of_the_chain(stages: int) -> None:
         np.testing.assert_allclose(found, order, atol=2e-15)
     assert error @ a @ a @ c == pytest.approx(b @ a @ a @ c - 1 / 24, rel=1e-12)
 
-    reach = package.CHAIN_STABLE[stages - package.CHAIN_LEAST]
+    reach = schemes.CHAIN_STABLE[stages - schemes.CHAIN_LEAST]
     z = reach * np.linspace(0.0, 1.0, 20001)
     stage = decayed(a, z)
     assert np.abs(stage).max() <= 1.0 + 1e-12
@@ -149,11 +149,11 @@ def test_conditions_of_the_chain(stages: int) -> None:
 
 def test_estimate_of_the_pair() -> None:
     """On y' = -y what order 5 leaves out is at most HIGHER z of the estimate, wherever it is stable."""
-    a, b = np.zeros((7, 7)), package.A[5]
-    a[1:, :6] = package.A
-    z = np.linspace(0.05, package.STABLE, 500)
+    a, b = np.zeros((7, 7)), schemes.A[5]
+    a[1:, :6] = schemes.A
+    z = np.linspace(0.05, schemes.STABLE, 500)
     stage = decayed(a, z)
-    estimate = np.abs(z * ((np.append(b, 0.0) - package.B_LOW) @ stage))
+    estimate = np.abs(z * ((np.append(b, 0.0) - schemes.B_LOW) @ stage))
     missed = np.abs(stage[6] - np.exp(-z))
     assert (missed <= package.HIGHER * z * estimate).all()
     assert (missed >= 0.7 * package.HIGHER * z * estimate).all()

@@ -105,14 +105,7 @@ from vibroscreen.kernels.layout import (
     slot,
     vector,
 )
-from vibroscreen.kernels.package import (
-    bed_load,
-    begin_parts,
-    carry_debts,
-    clear_sums,
-    integrate,
-    restack,
-)
+from vibroscreen.kernels.package import begin_parts, clear_sums, integrate
 from vibroscreen.kernels.place import (
     cell_count,
     cell_end,
@@ -128,6 +121,8 @@ from vibroscreen.kernels.place import (
     residence_time,
     riding_time,
 )
+from vibroscreen.kernels.rates import bed_load, restack
+from vibroscreen.kernels.schemes import carry_debts
 from vibroscreen.kernels.segregation import NOTHING
 
 # A feed piles up where it would lie deeper than this part of the deck's length, on a deck that

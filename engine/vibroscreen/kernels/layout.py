@@ -482,7 +482,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "compact": (2, "nodes"),
         "place": ("nodes",),
         "share": ("nodes",),
-        # columns in time: what passed, loads, composition of the top layer (package.py)
+        # columns in time: what passed, loads, composition of the top layer (rates.py)
         "stage": (10, "block"),
         # two rows an order of extrapolation: column and its time integral
         "trial": (2 * MAX_ORDER, "block"),

@@ -8,7 +8,7 @@ reads areal masses in kg/m2 (row 0 lies on the screen; models without layers hol
 row 0) and writes
   contact[i], m2/kg: the mass fraction in the contact layer is F_0i = contact_i load[0, i];
   percolation[j, i], 1/s: layer j > 0 gives percolation[j, i] load[j, i] kg/(m2 s) to layer j - 1;
-      the same total mass returns with the composition of the layer below (done by package.py).
+      the same total mass returns with the composition of the layer below (done by rates.py).
 """
 
 from __future__ import annotations

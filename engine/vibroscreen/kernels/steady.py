@@ -89,7 +89,6 @@ from vibroscreen.kernels.layout import (
     scene_vector,
     vector,
 )
-from vibroscreen.kernels.package import bed_load, restack
 from vibroscreen.kernels.place import (
     conveys,
     deck_width,
@@ -98,6 +97,7 @@ from vibroscreen.kernels.place import (
     panel_velocity,
     residence_time,
 )
+from vibroscreen.kernels.rates import bed_load, restack
 from vibroscreen.kernels.step import (
     motion_part,
     prepare,

@@ -1,0 +1,701 @@
+"""A column of the bed: its compact block, its layers, and how fast they change (MODEL.md,
+"Columns", "A package in time").
+
+A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. It is gathered
+into a compact block without the sizes that take no part and scattered back. Sub-models give rates;
+one place here moves mass, `column_rates`, and every sum is kept to round-off.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+from vibroscreen.kernels.jit import folded, kernel, view1, view2, viewing
+from vibroscreen.kernels.layout import (
+    AT_COLUMN_FLUX,
+    AT_COLUMN_TIME,
+    AT_COMPACT,
+    AT_COUNTER,
+    AT_NODE_WORK,
+    AT_PARAMETER,
+    AT_PERCOLATION,
+    AT_PLACE,
+    AT_RECONSTRUCTION,
+    AT_SCRATCH,
+    AT_SHARE,
+    AT_SIZE,
+    AT_SOURCE,
+    AT_SOURCE_NOW,
+    AT_STAGE,
+    AT_SWITCH,
+    AT_TRIAL,
+    C_COARSE_SKIPPED,
+    C_EMPTY_SKIPPED,
+    C_RATES,
+    C_USED_UP_SKIPPED,
+    COUNTER,
+    LAYERED,
+    N_ACTIVE,
+    N_LAYERS,
+    N_NODES,
+    N_SOURCE,
+    PARAMETER,
+    PASSAGE_ADDRESS,
+    PASSAGE_LAW,
+    S_APERTURE,
+    S_BED_LOAD,
+    S_CONTACT_LOAD,
+    S_COVER,
+    S_DENSITY,
+    S_DILATION,
+    S_LAYER_FULL,
+    S_LAYER_LOAD,
+    S_OPEN_AREA,
+    S_PASSAGE_VELOCITY,
+    SEGREGATION_ADDRESS,
+    SEGREGATION_MODEL,
+    SWITCH,
+    TOLERANCE,
+    W_COARSE,
+    W_EMPTY,
+    W_USED_UP,
+    column,
+    node_vector,
+    vector,
+)
+from vibroscreen.kernels.passage import BOUNCE, passage_probability
+from vibroscreen.kernels.segregation import (
+    CLASSIFIED,
+    NOTHING,
+    gap_radius,
+    layer_mass,
+    segregate,
+    weighted_mass,
+)
+
+# A layer is opened only for more than this part of a full one: round-off makes no layers.
+SLIVER = 1e-9
+# A top layer below this part of a full one is no reason to cut an implicit step.
+THIN = 1e-3
+# A size of which this part of the tolerance is left has passed.
+USED_UP = 1e-4
+# Proportions inside the sizes that move alike are equal up to this.
+ALIKE = 1e-12
+# Differences of a mass fraction below this bound no slope.
+EVEN = 1e-14
+# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
+NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
+# Blocks of `trial` while rates are found: loads at the faces of the layers.
+LOWER, UPPER = 0, 1
+
+
+# --- the compact column --------------------------------------------------------------------------
+@viewing
+def active_vector(buffer, at, row):
+    """Row `row` of a field of vectors over the sizes that take part."""
+    return vector(buffer, at, int(buffer[N_ACTIVE]), row)
+
+
+@viewing
+def active_column(buffer, at):
+    """A work column over the sizes that take part."""
+    return view2(buffer, int(buffer[at]), int(buffer[N_LAYERS]), int(buffer[N_ACTIVE]))
+
+
+@viewing
+def block(buffer, at, index):
+    """A block as one vector: what passed, the loads of the layers, the share of the top one."""
+    rows = int(buffer[N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
+
+
+@viewing
+def block_passed(buffer, at, index):
+    """What passed, row 0 of a block."""
+    rows = int(buffer[N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view1(buffer, start, int(buffer[N_ACTIVE]))
+
+
+@viewing
+def block_load(buffer, at, index):
+    """Loads of a block [layer, active size]."""
+    rows = int(buffer[N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES]) + int(buffer[N_ACTIVE])
+    return view2(buffer, start, rows - 2, int(buffer[N_ACTIVE]))
+
+
+@viewing
+def block_share(buffer, at, index, layers):
+    """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
+    rows, nodes = int(buffer[N_LAYERS]) + 2, int(buffer[N_ACTIVE])
+    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
+
+
+@kernel
+def first_coarse(buffer, scene, load, layers):
+    """First of the sizes that neither pass nor percolate and are mixed alike in all layers.
+
+    They move alike as long as nothing lands on them, so one size carries them all (their mean).
+    """
+    size = node_vector(buffer, AT_SIZE, 0)
+    nodes = size.size
+    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
+    model = int(parameter[SEGREGATION_MODEL])
+    known = int(parameter[PASSAGE_LAW]) <= BOUNCE and model <= CLASSIFIED
+    if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_COARSE] == 0.0 or not known:
+        return nodes
+    if buffer[N_SOURCE] > 0.0:
+        return nodes
+    closed = scene[S_APERTURE]
+    if buffer[LAYERED] > 0.0:
+        closed = max(closed, 2.0 * gap_radius(0.5 * size[nodes - 1], scene[S_DILATION]))
+    first = nodes
+    while first > 0 and size[first - 1] >= closed:
+        first -= 1
+    lowest = 0.0
+    for i in range(first, nodes):
+        lowest += load[0, i]
+    for j in range(1, layers):
+        mass = 0.0
+        for i in range(first, nodes):
+            mass += load[j, i]
+        for i in range(first, nodes):
+            if abs(load[j, i] * lowest - load[0, i] * mass) > ALIKE * lowest * mass:
+                return nodes
+    return first
+
+
+@kernel
+def gather(buffer, scene, load, reference, layers):
+    """Copy a column into the block NOW without the sizes that take no part.
+
+    Left out are sizes of which nothing is there or lands; what is left of a size that is used up
+    passes at once; the coarse sizes that move alike become one. `place` says where a size is. The
+    last size may come twice, the second time without mass.
+    """
+    nodes = load.shape[1]
+    switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
+    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
+    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+    size, total = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_NODE_WORK, 0)
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
+    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    terms = int(buffer[N_SOURCE])
+    passing = scene[S_PASSAGE_VELOCITY] > 0.0 and switch[W_USED_UP] > 0.0 and terms == 0
+    least = USED_UP * tolerance
+    coarse = first_coarse(buffer, scene, load, layers)
+    for i in range(nodes):
+        total[i] = load[0, i]
+    for j in range(1, layers):
+        for i in range(nodes):
+            total[i] += load[j, i]
+    count = 0
+    for i in range(coarse):
+        if passing and 0.0 < total[i] < least * reference[i] and size[i] < scene[S_APERTURE]:
+            flux[i] += total[i]
+            total[i] = 0.0
+            for j in range(layers):
+                load[j, i] = 0.0
+            counter[C_USED_UP_SKIPPED] += 1.0
+        lands = False
+        for k in range(terms):
+            lands = lands or source[k, i] != 0.0
+        if total[i] > 0.0 or lands or switch[W_EMPTY] == 0.0:
+            place[i] = count
+            count += 1
+        else:
+            place[i] = -1.0
+            counter[C_EMPTY_SKIPPED] += 1.0
+        share[i] = 1.0
+    gathered, moment = 0.0, 0.0
+    for i in range(coarse, nodes):
+        gathered += total[i]
+        moment += total[i] * size[i]
+    for i in range(coarse, nodes):
+        place[i] = count if gathered > 0.0 else -1.0
+        share[i] = total[i] / gathered if gathered > 0.0 else 0.0
+    if gathered > 0.0:
+        counter[C_COARSE_SKIPPED] += nodes - coarse - 1.0
+    taking_part = max(1, count + (1 if gathered > 0.0 else 0))
+    # Loops go over four sizes at once: one of nothing is cheaper than three that are left over.
+    idle = taking_part % 4 == 3 and taking_part < nodes
+    buffer[N_ACTIVE] = taking_part + (1 if idle else 0)
+    fill_block(buffer, load, reference, layers, coarse)
+    compact_size = active_vector(buffer, AT_COMPACT, 0)
+    if gathered > 0.0:
+        compact_size[count] = moment / gathered
+    if idle:
+        compact_size[taking_part] = compact_size[taking_part - 1]
+    return coarse
+
+
+@kernel
+def places_kept(place):
+    """Number of the first sizes that have the same place in a block as in a column."""
+    kept = 0
+    while kept < place.size and place[kept] == kept:
+        kept += 1
+    return kept
+
+
+@kernel
+def fill_block(buffer, load, reference, layers, coarse):
+    """Sizes, references, sources and loads of the sizes that take part into compact fields."""
+    nodes = load.shape[1]
+    count = int(buffer[N_ACTIVE])
+    size, place = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_PLACE, 0)
+    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
+    compact_size = active_vector(buffer, AT_COMPACT, 0)
+    weight = active_vector(buffer, AT_COMPACT, 1)
+    landing = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, count)
+    now, integral = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
+    terms = int(buffer[N_SOURCE])
+    rows_above = layers if terms == 0 else load.shape[0]
+    for k in range((rows_above + 1) * count):
+        now[k] = 0.0
+        integral[k] = 0.0
+    for n in range(count):
+        weight[n] = 0.0
+        compact_size[n] = 0.0
+    for i in range(nodes):
+        n = int(place[i])
+        if n >= 0:
+            compact_size[n] = size[i]
+            weight[n] += reference[i]
+    for n in range(count):
+        weight[n] = 1.0 / weight[n] if weight[n] > NOTHING else 0.0
+    for k in range(terms):
+        for n in range(count):
+            landing[k, n] = 0.0
+        for i in range(nodes):
+            n = int(place[i])
+            if n >= 0:
+                landing[k, n] = source[k, i]
+    rows = block_load(buffer, AT_STAGE, NOW)
+    straight = min(coarse, places_kept(place))
+    for j in range(layers):
+        for i in range(straight):
+            rows[j, i] = load[j, i]
+        for i in range(straight, coarse):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] = load[j, i]
+        for i in range(coarse, nodes):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] += load[j, i]
+
+
+@kernel
+def scatter(buffer, load, layers, rows, elapsed):
+    """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
+    nodes = load.shape[1]
+    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
+    now, integral = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, INTEGRAL)
+    gone, gone_time = block_passed(buffer, AT_STAGE, NOW), block_passed(buffer, AT_STAGE, INTEGRAL)
+    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
+    time = column(buffer, AT_COLUMN_TIME, 0)
+    for i in range(nodes):
+        passed_time[i] += elapsed * passed[i]
+        n = int(place[i])
+        if n < 0:
+            continue
+        passed[i] += share[i] * gone[n]
+        passed_time[i] += share[i] * gone_time[n]
+    # Most sizes keep their places: plain copies, which are fast.
+    straight = places_kept(place)
+    for j in range(rows):
+        left = 1.0 if j < layers else 0.0
+        for i in range(straight):
+            load[j, i] = left * (share[i] * now[j, i])
+            time[j, i] += share[i] * integral[j, i]
+        for i in range(straight, nodes):
+            n = int(place[i])
+            if n >= 0:
+                load[j, i] = left * (share[i] * now[j, n])
+                time[j, i] += share[i] * integral[j, n]
+
+
+# --- layers --------------------------------------------------------------------------------------
+@kernel
+def bed_load(load, layers):
+    """Areal mass of a column, kg/m2."""
+    mass = 0.0
+    for j in range(layers):
+        mass += layer_mass(load, j)
+    return mass
+
+
+@kernel
+def layers_for(buffer, scene, mass):
+    """Layers that a bed of `mass` kg/m2 has; sets the full load of an upper layer.
+
+    A bed deeper than the layers can hold thickens the upper layers, never the contact layer.
+    """
+    scene[S_BED_LOAD] = mass
+    scene[S_LAYER_FULL] = scene[S_LAYER_LOAD]
+    above = mass - scene[S_CONTACT_LOAD]
+    if buffer[LAYERED] == 0.0 or above <= SLIVER * scene[S_LAYER_LOAD]:
+        return 1
+    most = int(buffer[N_LAYERS]) - 1
+    if above > most * scene[S_LAYER_LOAD] * (1.0 + SLIVER):
+        scene[S_LAYER_FULL] = above / most
+        return 1 + most
+    return 1 + min(most, int(ceil(above / scene[S_LAYER_LOAD] - SLIVER)))
+
+
+@kernel
+def restack(buffer, scene, load, layers):
+    """Settle: cut the column anew at the full loads of its layers; returns the number of layers.
+
+    The stack keeps its order, so a layer is refilled with what lies right above it, and what does
+    not fit into a layer goes to the one above. Rows that become free are zeroed.
+    """
+    wanted = layers_for(buffer, scene, bed_load(load, layers))
+    if wanted == 1 and layers == 1:
+        return 1
+    nodes = load.shape[1]
+    old = view2(buffer, int(buffer[AT_SCRATCH]), load.shape[0], nodes)
+    for j in range(layers):
+        for i in range(nodes):
+            old[j, i] = load[j, i]
+    source = 0
+    whole = layer_mass(old, 0)
+    left = 1.0  # what remains of the layer `source`, as a part of it
+    for j in range(wanted):
+        need = scene[S_CONTACT_LOAD] if j == 0 else scene[S_LAYER_FULL]
+        for i in range(nodes):
+            load[j, i] = 0.0
+        while source < layers:
+            last = j == wanted - 1
+            part = left
+            if not last and whole * left > need:
+                part = need / whole
+            for i in range(nodes):
+                load[j, i] += part * old[source, i]
+            need -= part * whole
+            if part < left:
+                left -= part
+                break
+            source += 1
+            left = 1.0
+            if source < layers:
+                whole = layer_mass(old, source)
+            if need <= 0.0 and not last:
+                break
+    for j in range(wanted, layers):
+        for i in range(nodes):
+            load[j, i] = 0.0
+    return wanted
+
+
+# --- rates ---------------------------------------------------------------------------------------
+@folded
+def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
+    """P_i of the sizes in row 0 and their contact weights; fills the percolation too.
+
+    `lower` are the loads as they are at the lower faces of the layers; in row 0 they are `load`.
+    Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
+    row 0 holds, as F_0i = contact_i load_0i.
+    """
+    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
+    size = active_vector(buffer, AT_COMPACT, 0)
+    fraction = active_vector(buffer, AT_NODE_WORK, 2)
+    segregate(
+        int(parameter[SEGREGATION_MODEL]),
+        int(buffer[SEGREGATION_ADDRESS]),
+        size,
+        lower,
+        layers,
+        scene,
+        contact,
+        active_column(buffer, AT_PERCOLATION),
+    )
+    for i in range(size.size):
+        fraction[i] = contact[i] * load[0, i]
+    scene[S_COVER] = cover
+    law = int(parameter[PASSAGE_LAW])
+    passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, factor)
+    return scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * cover
+
+
+@folded
+def cover_of(scene, mass):
+    """Part of the deck that a contact layer of `mass` kg/m2 covers, min(1, sigma_0/sigma_c)."""
+    return min(1.0, mass / scene[S_CONTACT_LOAD])
+
+
+@kernel
+def reconstructed(buffer):
+    """Whether the composition inside a layer is linear."""
+    return buffer[int(buffer[AT_RECONSTRUCTION])] > 0.0
+
+
+@kernel
+def slope_factor(load, row, below, mass, above, share):
+    """Theta of a layer: the part of the central slopes of its sizes that makes no new extremum.
+
+    One for all sizes, so that the slopes sum up to zero and a full layer stays full at its faces.
+    below, mass, above: of the three layers, kg/m2; share: span of the layer over that of the slope.
+    """
+    theta = 1.0
+    a, b, c = 1.0 / below, 1.0 / mass, 1.0 / above
+    for i in range(load.shape[1]):
+        middle = b * load[row, i]
+        down, up = middle - a * load[row - 1, i], c * load[row + 1, i] - middle
+        least, most = min(abs(down), abs(up)), max(abs(down), abs(up))
+        if most > EVEN:
+            room = 2.0 * least if down * up > 0.0 else 0.0
+            slope = share * abs(down + up)
+            if theta * slope > room:
+                theta = room / slope
+    return theta
+
+
+@kernel
+def reconstruct(buffer, load, layers):
+    """Loads as they are at the lower and upper faces of the layers, into two blocks of `trial`.
+
+    Mass fractions are linear over a layer with a monotonised central slope, even in the contact
+    layer and in the top one. The implicit scheme, whose blocks these are, does without.
+    """
+    lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    nodes = load.shape[1]
+    for i in range(nodes):
+        lower[0, i] = upper[0, i] = load[0, i]
+        lower[layers - 1, i] = upper[layers - 1, i] = load[layers - 1, i]
+    below, mass = layer_mass(load, 0), layer_mass(load, 1)
+    for j in range(1, layers - 1):
+        above = layer_mass(load, j + 1)
+        theta = 0.0
+        if min(below, mass, above) > NOTHING:
+            share = 2.0 * mass / (below + 2.0 * mass + above)
+            theta = 0.5 * mass * share * slope_factor(load, j, below, mass, above, share)
+        a, c = (theta / below, theta / above) if theta > 0.0 else (0.0, 0.0)
+        for i in range(nodes):
+            half = c * load[j + 1, i] - a * load[j - 1, i]
+            lower[j, i], upper[j, i] = load[j, i] - half, load[j, i] + half
+        below, mass = mass, above
+
+
+@kernel
+def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
+    """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
+
+    Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
+    above, layer by layer), landing on the top layer `moment` s after the start. Layers exchange
+    what they hold on the average, or with `bed.reconstruction` what they hold at the face.
+
+    What settles out of a top layer that runs out has a composition that is 0/0 at its end, so the
+    composition is followed beside the masses as x' = -percolation x + return flow, in the row above
+    them; where something lands, a thin top layer has that of the start of the step.
+    """
+    load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
+    passing = block_passed(buffer, at_rate, rate)
+    weight = active_vector(buffer, AT_NODE_WORK, 0)
+    contact = active_vector(buffer, AT_NODE_WORK, 1)
+    percolation = active_column(buffer, AT_PERCOLATION)
+    nodes = passing.size
+    top = layer_mass(load, layers - 1)
+    upper = (layers - 2) * scene[S_LAYER_FULL]
+    scene[S_BED_LOAD] = top if layers == 1 else scene[S_CONTACT_LOAD] + upper + top
+    lower, upper = load, load
+    if layers > 2 and reconstructed(buffer):
+        reconstruct(buffer, load, layers)
+        lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    falling = follows_share(buffer, layers)
+    cover = cover_of(scene, top) if layers == 1 else 1.0
+    pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
+    for i in range(nodes):
+        weight[i] = max(0.0, weight[i]) * pace * contact[i]
+        passing[i] = weight[i] * load[0, i]
+        change[0, i] = -passing[i]
+    lost = vector_sum(passing)
+    full = scene[S_CONTACT_LOAD]
+    settling = lost / scene[S_LAYER_FULL]
+    for j in range(1, layers):
+        if j < layers - 1 or (not falling and top > THIN * scene[S_LAYER_FULL]):
+            upward = weighted_mass(lower, j, percolation, j) / full
+            refill = settling if j < layers - 1 else lost / top
+            for i in range(nodes):
+                flux = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
+                change[j, i] = -flux
+                change[j - 1, i] += flux
+        elif falling:
+            share = block_share(buffer, at_state, state, layers)
+            share_change = block_share(buffer, at_rate, rate, layers)
+            upward = weighted_mass(share, 0, percolation, j) / full
+            for i in range(nodes):
+                moved = percolation[j, i] * share[0, i] - upward * upper[j - 1, i]
+                flux = top * moved + lost * share[0, i]
+                share_change[0, i] = -moved
+                change[j, i] = -flux
+                change[j - 1, i] += flux
+        else:
+            share = block_share(buffer, AT_STAGE, NOW, layers)
+            upward = weighted_mass(lower, j, percolation, j) / full
+            for i in range(nodes):
+                flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i]
+                flux += lost * share[0, i]
+                change[j, i] = -flux
+                change[j - 1, i] += flux
+        full = scene[S_LAYER_FULL]
+    land(buffer, change, layers - 1, moment)
+    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
+    return lost
+
+
+@kernel
+def follows_share(buffer, layers):
+    """Whether the composition of the top layer is followed beside its masses."""
+    return layers > 1 and buffer[N_SOURCE] == 0.0
+
+
+@kernel
+def rows_followed(buffer, layers):
+    """Length of the part of a block that a scheme advances."""
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[N_ACTIVE])
+
+
+@kernel
+def land(buffer, change, row, moment):
+    """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
+    terms = int(buffer[N_SOURCE])
+    if terms == 0:
+        return
+    source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, change.shape[1])
+    if terms == 1:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i]
+    else:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
+
+
+@folded
+def vector_sum(values):
+    """Sum of a vector; four sums side by side, as one alone waits for every addition."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = values.size - values.size % 4
+    for i in range(0, whole, 4):
+        a += values[i]
+        b += values[i + 1]
+        c += values[i + 2]
+        d += values[i + 3]
+    for i in range(whole, values.size):
+        a += values[i]
+    return (a + b) + (c + d)
+
+
+@kernel
+def keep_top_share(buffer, layers):
+    """Composition of the top layer at the start of a step."""
+    share = block_share(buffer, AT_STAGE, NOW, layers)
+    load = block_load(buffer, AT_STAGE, NOW)
+    top = layer_mass(load, layers - 1)
+    below = max(0, layers - 2)
+    row = layers - 1 if top > 0.0 else below
+    mass = top if top > 0.0 else layer_mass(load, below)
+    scale = 1.0 / mass if mass > NOTHING else 0.0
+    for i in range(share.shape[1]):
+        share[0, i] = scale * load[row, i]
+
+
+@kernel
+def fastest_rate(buffer, scene, layers):
+    """Bound of the rates in the column, 1/s, as `column_rates` left them."""
+    nodes = int(buffer[N_ACTIVE])
+    fastest = largest_of(view2(buffer, int(buffer[AT_NODE_WORK]), 1, nodes), 0)
+    percolation = active_column(buffer, AT_PERCOLATION)
+    if fastest == 0.0 and buffer[N_SOURCE] > 0.0:
+        # An empty bed does not show how fast it will pass what lands on it.
+        pace = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] / scene[S_CONTACT_LOAD]
+        fastest = pace * scene[S_OPEN_AREA] * (1.0 + scene[S_OPEN_AREA])
+    exchange = 0.0
+    for j in range(1, layers):
+        exchange = max(exchange, largest_of(percolation, j))
+    return max(fastest + exchange, 3.0 * exchange)
+
+
+@kernel
+def close_sizes(buffer, load, before, layers, moment, elapsed):
+    """Put what the steps of a block rounded away of a size into the row that holds most of it.
+
+    `load` in `before` layers is the column at the start of the block, `moment`. The round-off of a
+    step is that of the rates times h, so in a bed where all is in balance it is the same in every
+    step: it would add up over many.
+    """
+    nodes = int(buffer[N_ACTIVE])
+    place = node_vector(buffer, AT_PLACE, 0)
+    missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, AT_STAGE, NOW)
+    for n in range(nodes):
+        missing[n] = 0.0
+    straight = places_kept(place)
+    for j in range(before):
+        for i in range(straight):
+            missing[i] += load[j, i]
+        for i in range(straight, load.shape[1]):
+            n = int(place[i])
+            if n >= 0:
+                missing[n] += load[j, i]
+    terms = int(buffer[N_SOURCE])
+    if terms > 0:
+        source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
+        for n in range(nodes):
+            missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
+    for row in range(layers + 1):
+        start = row * nodes
+        for n in range(nodes):
+            missing[n] -= values[start + n]
+    for n in range(nodes):
+        if missing[n] != 0.0:
+            most = n
+            for row in range(1, layers + 1):
+                if values[row * nodes + n] > values[most]:
+                    most = row * nodes + n
+            values[most] += missing[n]
+
+
+@kernel
+def mean_landing(source, i, terms, h, moment):
+    """Mean of what lands of a size in a step of h that starts at `moment`, kg/(m2 s)."""
+    if terms == 1:
+        return source[0, i]
+    middle = moment + 0.5 * h
+    return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
+
+
+@kernel
+def worst_of(error, weight):
+    """Largest product of two vectors, not below 0; four side by side, as in `vector_sum`."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = error.size - error.size % 4
+    for i in range(0, whole, 4):
+        a = max(a, error[i] * weight[i])
+        b = max(b, error[i + 1] * weight[i + 1])
+        c = max(c, error[i + 2] * weight[i + 2])
+        d = max(d, error[i + 3] * weight[i + 3])
+    for i in range(whole, error.size):
+        a = max(a, error[i] * weight[i])
+    return max(max(a, b), max(c, d))
+
+
+@kernel
+def largest_of(values, row):
+    """Largest number of a row of a matrix, not below 0."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    count = values.shape[1]
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        a = max(a, values[row, i])
+        b = max(b, values[row, i + 1])
+        c = max(c, values[row, i + 2])
+        d = max(d, values[row, i + 3])
+    for i in range(whole, count):
+        a = max(a, values[row, i])
+    return max(max(a, b), max(c, d))
