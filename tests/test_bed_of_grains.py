@@ -17,6 +17,7 @@ from vibroscreen.errors import InputError
 from vibroscreen.kernels import displacement
 from vibroscreen.kernels import layout as lay
 from vibroscreen.motion import ConveyingRegime, Motion, conveying_regime, transport_velocity
+from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, GRAVITY
 
 LINEAR = Motion.linear(0.003, 15.0, 45.0 * DEG)
@@ -87,7 +88,7 @@ def test_bed_that_lands_at_once_is_the_rigid_body(
 # --- the same equations in small steps -----------------------------------------------------------
 
 
-def small_steps(motion: Motion, inclination: float, friction: float) -> float:
+def small_steps(motion: Motion, inclination: float, friction: float, rolling: float = 0.0) -> float:
     """Mean velocity in SI by explicit steps of 1/4000 period, from rest, over periods 41 to 60."""
     softness, damping, grains, drag = displacement.BED_CONSTANTS
     omega = 2.0 * math.pi * motion.frequency
@@ -108,7 +109,7 @@ def small_steps(motion: Motion, inclination: float, friction: float) -> float:
         force = max(0.0, force)
         resistance = 0.0
         if force > 0.0 and slip != 0.0:
-            soft = damping / landing * abs(slip)
+            soft = (1.0 - rolling) * damping / landing * abs(slip)
             limit = force * (grip + drag * abs(slip))
             resistance = math.copysign(soft * limit / math.hypot(soft, limit), slip)
         rise += step * (force - weight - normal)
@@ -123,6 +124,36 @@ def small_steps(motion: Motion, inclination: float, friction: float) -> float:
 def test_small_steps_give_the_same_velocity(name: str) -> None:
     expected = small_steps(MOTIONS[name], 10.0 * DEG, 0.5)
     assert velocity(MOTIONS[name], 10.0 * DEG) == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("rolling", [0.2, 0.6])
+@pytest.mark.parametrize("name", MOTIONS)
+def test_rolling_in_small_steps(name: str, rolling: float) -> None:
+    expected = small_steps(MOTIONS[name], 10.0 * DEG, 0.5, rolling)
+    regime = conveying_regime(MOTIONS[name], 10.0 * DEG, 0.5, "bed", rolling=rolling)
+    assert regime.velocity == pytest.approx(expected, rel=0.03)
+    assert regime.velocity > velocity(MOTIONS[name], 10.0 * DEG)
+
+
+def test_rolling_is_refused_where_nothing_would_grip() -> None:
+    with pytest.raises(InputError, match=r"rolling = 1 \(ratio\) is outside 0 to 0.95"):
+        conveying_regime(MOTIONS["linear"], 0.0, 0.5, "bed", rolling=1.0)
+
+
+def test_a_screen_rolls_as_its_material_says() -> None:
+    """On the deck as in `conveying_regime`, also when it is changed while the screen runs."""
+    motion = Motion.linear(0.004, 15.0, 45.0 * DEG)
+    config = ScreenConfig(
+        SizeClasses((0.0, 0.004, 0.012)),
+        decks=(Deck(1.0, (Panel(2.0, 10.0 * DEG, 0.008, 0.5),)),),
+        material=Material(friction_deck=0.5, friction_internal=0.5, rolling=0.35),
+        motion=motion,
+        displacement=Displacement("bed"),
+    )
+    for value in (0.35, 0.1):
+        rolling = config.with_values({"material.rolling": value})
+        regime = conveying_regime(motion, 10.0 * DEG, 0.5, "bed", rolling=value)
+        assert Screen(rolling).solve_steady().transport_velocity == regime.velocity
 
 
 # --- what rises with what ------------------------------------------------------------------------

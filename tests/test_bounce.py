@@ -26,13 +26,14 @@ from vibroscreen.size_classes import SizeClasses
 
 GRAVITY = 9.81
 APERTURE, OPEN_AREA, RHO, CONTACT = 0.008, 0.5, 1600.0, 0.01
-THROW = (2.0 * math.pi * 15.0 * 0.003) ** 2 / (2.0 * GRAVITY)  # m, V^2/(2 g) of the plate
+SWING = 2.0 * math.pi * 15.0 * 0.003  # m/s, V of the plate
+THROW = SWING**2 / (2.0 * GRAVITY)  # m
 FALL = math.sqrt(GRAVITY * APERTURE)  # m/s
 SOLIDS = 0.58
 # Classes whose means are 2, 4, 6, 7 and 12 mm.
 SIZES = np.array([2.0, 4.0, 6.0, 7.0, 12.0]) * 1e-3
 EDGES = (0.0015, 0.0025, 0.0055, 0.0065, 0.0075, 0.0165)
-NUMBERS = ("rim", "passing_time", "drift", "damping", "lift", "stirring")
+NUMBERS = ("rim", "passing_time", "drift", "damping", "lift", "stirring", "calming", "depletion")
 BARE = dict.fromkeys(NUMBERS, 0.0)
 TOLERANCE = 1e-6
 
@@ -183,6 +184,69 @@ def test_a_thin_thrown_bed_passes_at_a_lower_rate(lift: float) -> None:
     assert_allclose(recovery, -np.expm1(-rate * np.array(times)), atol=2e-5)
 
 
+def test_a_deep_bed_is_thrown_less() -> None:
+    """dm/dt = -q/(1 + r l/(m (1 + c m))), m and l over the contact layer: m + l log of m/(1 + c m)."""
+    lift, calming, velocity = 4.0, 0.6, 0.05
+    config = plate(velocity, rim=1.0, lift=lift, calming=calming)
+    load, time = 6.0 * RHO * CONTACT, 1.5
+    left = load * (1.0 - batch(config, load, 1, [time])[0])
+    assert left > RHO * CONTACT
+    first, last = load / (RHO * CONTACT), left / (RHO * CONTACT)
+    share = math.log(first / (1.0 + calming * first)) - math.log(last / (1.0 + calming * last))
+    fallen = CONTACT * (first - last) + lift * THROW * share
+    assert_allclose(fallen, velocity * OPEN_AREA * time, rtol=1e-5)
+    # without calming more is thrown and less passes
+    assert batch(plate(velocity, rim=1.0, lift=lift), load, 1, [time])[0] < 1.0 - left / load
+
+
+def test_the_deck_runs_short_under_a_deep_bed() -> None:
+    """dm/dt = -q/(1 + r m), r = depletion u phi g^2/(rho_b V a): a quadratic in m, as damping has."""
+    depletion, velocity = 0.8, 0.2
+    load, times = 6.0 * RHO * CONTACT, np.array([0.2, 0.5, 0.9])
+    for k in (1, 3):
+        shape = (1.0 - 0.7 * SIZES[k] / APERTURE) ** 2
+        config = plate(velocity, rim=0.3, depletion=depletion)
+        flux = RHO * velocity * OPEN_AREA * shape
+        half = 0.5 * depletion * flux / (RHO**2 * SWING * APERTURE)
+        right = load + half * load**2 - flux * times
+        left = (np.sqrt(1.0 + 4.0 * half * right) - 1.0) / (2.0 * half)
+        assert left[-1] > RHO * CONTACT
+        assert_allclose(batch(config, load, k, list(times)), 1.0 - left / load, atol=2e-6)
+
+
+def test_a_deep_bed_chooses_less_between_sizes() -> None:
+    """Depletion takes more from what passes more easily, and nothing from a thin bed."""
+    ratio = []
+    for load in (1e-4, 20.0, 80.0):
+        rate = [
+            -np.log1p(-batch(plate(0.5, rim=0.3, depletion=1.0), load, k, [0.05])[0])
+            for k in (0, 1, 2, 3)
+        ]
+        ratio.append(np.array(rate) / rate[0])
+    assert (np.diff(np.array(ratio)[:, 1:], axis=0) > 0.0).all()
+    shape = (1.0 - 0.7 * SIZES[:4] / APERTURE) ** 2
+    assert_allclose(ratio[0], shape / shape[0], rtol=1e-3)
+
+
+def test_at_the_limit_of_renewal_sizes_pass_alike() -> None:
+    """However fast grains try, V a/(depletion H) is what the throw brings to the deck."""
+    load, time, depletion = 6.0 * RHO * CONTACT, 0.02, 2.0
+    most = RHO * SWING * APERTURE / (depletion * load / RHO)  # kg/(m2 s) at the start
+    for k in (0, 3):
+        passed = load * batch(plate(100.0, rim=0.9, depletion=depletion), load, k, [time])[0]
+        assert 0.95 * most * time < passed < 1.1 * most * time
+
+
+@pytest.mark.parametrize("law", [{"closure": "vibration"}, {}])
+def test_a_deck_that_swings_along_itself_renews_nothing(law: dict[str, object]) -> None:
+    """V = 0: with depletion nothing passes, and nothing is undefined."""
+    config = plate(0.5, depletion=1.0, **law).replace(motion=Motion.linear(0.005, 15.0, 0.0))
+    recovery = Screen(config).solve_steady().recovery
+    assert np.isfinite(recovery).all()
+    assert (recovery >= 0.0).all()
+    assert (recovery < 1e-4).all()
+
+
 def test_riding_on_takes_from_damping_and_crowding_alike() -> None:
     """Stirring is the same as damping and passing_time over 1 + stirring v/sqrt(g a)."""
     stirring, velocity = 0.7, 0.2
@@ -199,7 +263,7 @@ def test_riding_on_takes_from_damping_and_crowding_alike() -> None:
 def test_a_mixed_deck_against_scipy() -> None:
     """All of the law at once in a well mixed bed of five sizes."""
     rim, passing_time, drift, damping, u, v = 0.3, 1.8, 0.5, 0.5, 0.5, 0.2
-    lift, stirring = 0.8, 0.6
+    lift, stirring, calming, depletion = 0.8, 0.6, 0.5, 0.7
     config = plate(
         u,
         rim=rim,
@@ -208,6 +272,8 @@ def test_a_mixed_deck_against_scipy() -> None:
         damping=damping,
         lift=lift,
         stirring=stirring,
+        calming=calming,
+        depletion=depletion,
     )
     less = 1.0 + stirring * v / FALL
     passes = SIZES < APERTURE
@@ -218,9 +284,11 @@ def test_a_mixed_deck_against_scipy() -> None:
 
     def change(_: float, load: np.ndarray) -> np.ndarray:
         held = 1.0 + damping / less * load.sum() / (RHO * APERTURE)
-        held *= 1.0 + lift * THROW / max(load.sum() / RHO, CONTACT)
+        depth = load.sum() / RHO
+        held *= 1.0 + lift * THROW / (1.0 + calming * depth / CONTACT) / max(depth, CONTACT)
+        short = depletion * u * OPEN_AREA * chance * depth / (held * SWING * APERTURE)
         lying = load / load.sum() * min(1.0, load.sum() / (RHO * CONTACT))
-        tried = RHO * u * OPEN_AREA * chance * lying / held  # kg/(m2 s), each grain alone
+        tried = RHO * u * OPEN_AREA * chance * lying / (held * (1.0 + short))  # kg/(m2 s), alone
         grain = RHO / SOLIDS * math.pi / 6.0 * np.maximum(SIZES, 0.5 * APERTURE) ** 3
         a_second = (tried / grain).sum() * APERTURE**2 / OPEN_AREA
         taken = passing_time / less * math.sqrt(APERTURE / GRAVITY)

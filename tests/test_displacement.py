@@ -66,7 +66,7 @@ def reference_cases() -> list[dict[str, str]]:
 def solved(kernel: Callable[..., None], motion: Motion, drive: list[float]) -> np.ndarray:
     result = np.full(7, np.nan)
     work = np.full(displacement.WORK_SIZE, np.nan)
-    values = np.array([motion.frequency, *drive])
+    values = np.array([motion.frequency, *drive, 0.0])
     kernel(motion.on_panel(), values, result, work)
     return result
 

@@ -32,11 +32,14 @@ def screens(draw: st.DrawFn, law: str, model: str) -> ScreenConfig:
     """A screen of seven classes, thin to deep beds, weak to strong passage and percolation."""
     number = {name: float(np.exp(draw(strategy))) for name, strategy in logs.items()}
     fed = np.array(draw(fractions))
+    bounced = {}
+    if law == "bounce":
+        bounced = {name: draw(st.sampled_from((0.0, 1.0))) for name in ("calming", "depletion")}
     return ScreenConfig(
         SizeClasses(EDGES, draw(st.sampled_from((0, 1)))),
         decks=(Deck(1.5, (Panel(3.0, 0.0, APERTURE, 0.5),)),),
         displacement=Displacement("prescribed", draw(st.floats(0.1, 0.5))),
-        passage=Passage(law, number["u"]),
+        passage=Passage(law, number["u"], **bounced),
         segregation=Segregation(model, number["w"], number["dilation"], draw(st.floats(0.0, 1.0))),
         bed=Bed(draw(st.floats(0.005, 0.02))),
         solver=Solver(TOLERANCE),

@@ -331,6 +331,7 @@ class Material:
     friction_internal: float = field(
         default=0.6, metadata=number("friction_internal", at_least=0.0, at_most=100.0)
     )
+    rolling: float = field(default=0.0, metadata=number("rolling", at_least=0.0, at_most=0.95))
 
     def __post_init__(self) -> None:
         check_fields(self, "material")
@@ -373,7 +374,9 @@ class Passage:
     grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
     to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
     bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
-    a bed that rides on at sqrt(g aperture) holds and crowds its grains less.
+    a bed that rides on at sqrt(g aperture) holds and crowds its grains less; calming, by how much
+    less a bed as deep as the contact layer is thrown; depletion, how short a bed as deep as the
+    aperture runs of passing grains at the deck where they pass as fast as it is thrown.
     """
 
     law: str = field(
@@ -393,6 +396,8 @@ class Passage:
     damping: float = field(default=1.0, metadata=number("damping", at_least=0.0, at_most=100.0))
     lift: float = field(default=1.0, metadata=number("lift", at_least=0.0, at_most=100.0))
     stirring: float = field(default=0.7, metadata=number("stirring", at_least=0.0, at_most=100.0))
+    calming: float = field(default=0.0, metadata=number("calming", at_least=0.0, at_most=100.0))
+    depletion: float = field(default=0.0, metadata=number("depletion", at_least=0.0, at_most=100.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:

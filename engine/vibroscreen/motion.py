@@ -203,6 +203,7 @@ def conveying_regime(
     friction: float,
     model: str = "rigid_body",
     constants: Sequence[float] = BED_CONSTANTS,
+    rolling: float = 0.0,
 ) -> ConveyingRegime:
     """Regime of the bed on a deck of `inclination` [rad, down-slope] and `friction` [1].
 
@@ -211,7 +212,7 @@ def conveying_regime(
     Mechanics, 2000). Raises InputError where |tan(inclination)| >= friction: the body runs away and
     has no mean velocity. "bed": grains that land softly and slip by speed (MODEL.md, Bed of
     grains); `constants` are its softness of landing [1], damping [1], friction of shaken grains [1]
-    and drag [s/m].
+    and drag [s/m], `rolling` [1] is the share of the grip of the deck that rolling grains take.
     """
     limit = 0.5 * math.pi
     inclination = _checked(
@@ -229,9 +230,12 @@ def conveying_regime(
             'displacement.model = "bed" or "prescribed"'
         )
     result = np.zeros(7)
-    drive = np.array([motion.frequency, inclination, friction, 0.0])
+    rolling = _checked(
+        "rolling", rolling, (0.0, 0.95), "(ratio)", "0 is for grains that do not roll"
+    )
+    drive = np.array([motion.frequency, inclination, friction, 0.0, rolling])
     work = np.zeros(WORK_SIZE)
-    work[CONSTANT:] = constants
+    work[CONSTANT : CONSTANT + len(BED_CONSTANTS)] = constants
     _SOLVERS[model](motion.on_panel(), drive, result, work)
     return ConveyingRegime(*(float(value) for value in result[:6]))
 

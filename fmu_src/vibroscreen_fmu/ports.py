@@ -95,6 +95,10 @@ _PARAMETERS = {
     "bulk_density": _Meaning("Mass of the bed over the volume it fills"),
     "friction_deck": _Meaning("Friction coefficient between bed and deck", _TUNABLE),
     "friction_internal": _Meaning("Friction coefficient inside the bed", _TUNABLE),
+    "rolling": _Meaning(
+        "Share of the deck's grip that rolling grains take, used by the displacement model bed",
+        _TUNABLE,
+    ),
     "passage_law": _Meaning("How the chance of a grain to pass follows from its size"),
     "passage_velocity": _Meaning(
         "Velocity at which grains fall through the openings; scales how fast the screen works",
@@ -117,6 +121,13 @@ _PARAMETERS = {
     ),
     "passage_stirring": _Meaning(
         "How riding on frees bed and openings, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_calming": _Meaning(
+        "How much lower a deep bed is thrown, used by the passage law bounce", _TUNABLE
+    ),
+    "passage_depletion": _Meaning(
+        "How a deep bed runs short of passing grains at the deck, used by the passage law bounce",
+        _TUNABLE,
     ),
     "segregation_model": _Meaning("How fine grains find their way down through the bed"),
     "segregation_velocity": _Meaning(

@@ -55,7 +55,8 @@ PAST = NODE + 10  # [3, 4] state two periods ago, one period ago, reference
 ORDER = PAST + 12  # highest order
 EDGES = ORDER + 1  # number of edges in use
 CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
-WORK_SIZE = CONSTANT + 4
+ROLLS = CONSTANT + 4  # share of the grip that rolling takes, drive[4]
+WORK_SIZE = CONSTANT + 5
 
 # the bed needs no edges: their place holds what it needs
 SWING_STEPS = 200
@@ -685,14 +686,14 @@ def _block_periods(throw):
 def rigid_body(harmonic, drive, result, work):
     """Mean velocity of the bed along the deck [m/s], as that of a rigid body, and its regime.
 
-    harmonic[5, 5] from compose_motion; drive[4] = frequency [Hz], inclination [rad], friction [1],
-    prescribed velocity (not used here); result[7] = velocity [m/s], spread [m/s], flight fraction
-    [1], flights per period [1], friction and impact dissipation [W/kg], throw number [1], status;
-    work[WORK_SIZE] is scratch. Status 1: |tan(inclination)| >= friction, so no regime, velocity 0;
-    2: the mean velocity is negative. A regime that repeats after up to 16 periods has spread 0.
-    Otherwise the values are means over 128 periods that start 80 periods after rest at phase 0,
-    and the spread is the standard deviation of the velocities of 16 blocks of 8 periods (blocks
-    are longer where a flight may last longer, above throw number 8).
+    harmonic[5, 5] from compose_motion; drive[5] = frequency [Hz], inclination [rad], friction [1],
+    prescribed velocity and rolling (not used here); result[7] = velocity [m/s], spread [m/s],
+    flight fraction [1], flights per period [1], friction and impact dissipation [W/kg], throw
+    number [1], status; work[WORK_SIZE] is scratch. Status 1: |tan(inclination)| >= friction, so no
+    regime, velocity 0; 2: the mean velocity is negative. A regime that repeats after up to 16
+    periods has spread 0. Otherwise the values are means over 128 periods that start 80 periods
+    after rest at phase 0, and the spread is the standard deviation of the velocities of 16 blocks
+    of 8 periods (blocks are longer where a flight may last longer, above throw number 8).
     """
     if not _set_motion(harmonic, drive, result, work):
         return
@@ -786,7 +787,7 @@ def _ride(work, periods, share, slope, landing, grip, drag):
     """
     body = view1(work, BODY, 15)
     damping = work[CONSTANT + 1]
-    rate = damping / landing
+    rate = (1.0 - work[ROLLS]) * damping / landing
     step = 2.0 * math.pi / SWING_STEPS
     for k in range(TRAVEL, MEASURED):
         body[k] = 0.0
@@ -876,6 +877,7 @@ def solve_bed(harmonic, drive, result, work):
     landing = work[CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
     grip = bed_friction(drive[2], work[CONSTANT + 2])
     drag = work[CONSTANT + 3] * velocity_unit
+    work[ROLLS] = drive[4]
     _set_swing(work)
     for k in range(15):
         work[BODY + k] = 0.0

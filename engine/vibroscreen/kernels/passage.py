@@ -18,10 +18,12 @@ from vibroscreen.kernels.jit import call_passage, folded, kernel
 from vibroscreen.kernels.layout import (
     S_APERTURE,
     S_BED_LOAD,
+    S_CALMING,
     S_CONTACT_LOAD,
     S_COVER,
     S_DAMPING,
     S_DENSITY,
+    S_DEPLETION,
     S_DRIFT,
     S_LIFT,
     S_LOOSENING,
@@ -82,11 +84,12 @@ def pelevin(size, fraction, scene, probability):
 def bounce(size, fraction, scene, probability):
     """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
 
-    P_i = phi G_i/((1 + lift/max(H, h_c)) (1 + damping H/(S a)) (1 + B)), H = depth of the bed,
+    P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed,
+    E = (1 + lift/((1 + calming H/h_c) max(H, h_c))) (1 + damping H/(S a)),
     G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
-    S = 1 + stirring v/sqrt(g a). B = the time for which an opening is taken up,
-    passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer ones as fill it, times
-    their number a second.
+    S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H/(E V a). B = the time for which an
+    opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
+    ones as fill it, times their number a second.
     """
     aperture = scene[S_APERTURE]
     fall = sqrt(GRAVITY * aperture)
@@ -95,14 +98,18 @@ def bounce(size, fraction, scene, probability):
     beyond = (1.0 - scene[S_RIM]) / aperture
     stirred = 1.0 + scene[S_STIRRING] * ride
     held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (stirred * scene[S_DENSITY] * aperture)
-    bed = max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
+    calm = 1.0 + scene[S_CALMING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
+    bed = calm * max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
     held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / bed
+    short = scene[S_DEPLETION] * scene[S_BED_LOAD] / scene[S_DENSITY]
+    short *= scene[S_PASSAGE_VELOCITY] * scene[S_OPEN_AREA] / held
     crowd = 0.0
     for i in range(size.size):
         guided = 1.0 - beyond * size[i] if size[i] < aperture else 0.0
         probability[i] = 0.0
         if guided > 0.0:
-            probability[i] = guided * guided * guided / (guided + carried * size[i])
+            freed = guided * guided * guided
+            probability[i] = freed / (guided + carried * size[i] + short * freed)
         room = max(size[i], 0.5 * aperture)
         crowd += probability[i] * fraction[i] / (room * room * room)
     tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])

@@ -14,6 +14,7 @@ from vibroscreen.kernels.closure import (
     OF_PASSAGE,
     OF_SEGREGATION,
     passage_factor,
+    peak_normal_velocity,
     percolation_factor,
     throw_height,
 )
@@ -148,7 +149,9 @@ from vibroscreen.kernels.layout import (
     PANEL,
     PARAMETER,
     PASSAGE_ADDRESS,
+    PASSAGE_CALMING,
     PASSAGE_DAMPING,
+    PASSAGE_DEPLETION,
     PASSAGE_DRIFT,
     PASSAGE_LAW,
     PASSAGE_LIFT,
@@ -161,11 +164,14 @@ from vibroscreen.kernels.layout import (
     R_LIMIT,
     R_VALUE,
     REFUSAL,
+    ROLLING,
     S_AMPLITUDE,
     S_APERTURE,
+    S_CALMING,
     S_CONTACT_LOAD,
     S_DAMPING,
     S_DENSITY,
+    S_DEPLETION,
     S_DILATION,
     S_DISSIPATION,
     S_DRIFT,
@@ -227,6 +233,8 @@ ROUND_OFF = 1e-9
 FRACTION_SUM = 1e-3
 # The bed is deep at the discharge above this many apertures.
 DEEP = 4.0
+# A throw below this velocity, m/s, renews nothing.
+SLOWEST_THROW = 1e-9
 # Residence times in which a deck is surely full of the duty.
 FILLING = 1.01
 
@@ -242,6 +250,7 @@ INPUT_LIMITS = (
 PARAMETER_LIMITS = (
     (FRICTION_DECK, 0.0, 100.0),
     (FRICTION_INTERNAL, 0.0, 100.0),
+    (ROLLING, 0.0, 0.95),
     (PASSAGE_VELOCITY, 0.0, 100.0),
     (PASSAGE_RIM, 0.0, 1.0),
     (PASSAGE_PASSING_TIME, 0.0, 100.0),
@@ -249,6 +258,8 @@ PARAMETER_LIMITS = (
     (PASSAGE_DAMPING, 0.0, 100.0),
     (PASSAGE_LIFT, 0.0, 100.0),
     (PASSAGE_STIRRING, 0.0, 100.0),
+    (PASSAGE_CALMING, 0.0, 100.0),
+    (PASSAGE_DEPLETION, 0.0, 100.0),
     (SEGREGATION_VELOCITY, 0.0, 100.0),
     (SEGREGATION_DILATION, 0.0, 1.0),
     (SEGREGATION_PROPORTION, 0.0, 1.0),
@@ -421,11 +432,12 @@ def solve_displacement(buffer, deck, number):
     panel = panel_vector(buffer, deck, number)
     result = scalars(buffer, AT_DISPLACEMENT_RESULT, DISPLACEMENT_RESULT)
     work = scalars(buffer, AT_DISPLACEMENT_WORK, int(buffer[N_DISPLACEMENT_WORK]))
-    drive = scalars(buffer, AT_DRIVE_SETTING, 4)
+    drive = scalars(buffer, AT_DRIVE_SETTING, 5)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs[FREQUENCY], panel[INCLINATION]
     drive[2] = min(parameter[FRICTION_DECK], parameter[FRICTION_INTERNAL])
     drive[3] = inputs[DISPLACEMENT_VELOCITY] * panel[VELOCITY_FACTOR]
+    drive[4] = parameter[ROLLING]
     model = int(parameter[DISPLACEMENT_MODEL])
     if model == PRESCRIBED:
         prescribed(harmonic, drive, result, work)
@@ -448,7 +460,7 @@ def set_transport(buffer, deck, number, scene):
         solve_displacement(buffer, deck, number)
     if result[6] == 1.0:
         place = int(buffer[AT_PANEL]) + (deck * int(buffer[N_PANELS]) + number) * len(PANEL)
-        friction = scalars(buffer, AT_DRIVE_SETTING, 4)[2]
+        friction = scalars(buffer, AT_DRIVE_SETTING, 5)[2]
         panel = panel_vector(buffer, deck, number)
         return refuse(buffer, TOO_STEEP, place + INCLINATION, panel[INCLINATION], friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
@@ -508,13 +520,16 @@ def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
     parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
     closure = scalars(buffer, AT_CLOSURE, 2)
-    scene[S_LOOSENING], scene[S_LIFT] = 1.0, 0.0
-    if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + parameter[PASSAGE_LIFT] == 0.0:
+    scene[S_LOOSENING], scene[S_LIFT], scene[S_DEPLETION] = 1.0, 0.0, 0.0
+    thrown = parameter[PASSAGE_LIFT] + parameter[PASSAGE_DEPLETION]
+    if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + thrown == 0.0:
         return
     panel = panel_vector(buffer, deck, number)
     harmonic = panel_motion(buffer, panel)
     frequency = scalars(buffer, AT_INPUT, len(INPUT))[FREQUENCY]
     scene[S_LIFT] = parameter[PASSAGE_LIFT] * throw_height(harmonic, frequency)
+    velocity = max(SLOWEST_THROW, peak_normal_velocity(harmonic, frequency))
+    scene[S_DEPLETION] = parameter[PASSAGE_DEPLETION] / (panel[APERTURE] * velocity)
     if closure[OF_PASSAGE] > 0.0:
         scene[S_LOOSENING] = passage_factor(harmonic, frequency, panel[APERTURE])
         scene[S_PASSAGE_VELOCITY] *= scene[S_LOOSENING]
@@ -539,7 +554,7 @@ def set_scene(buffer, deck, number, scene):
     close_scene(buffer, deck, number, scene)
     scene[S_RIM], scene[S_PASSING_TIME] = parameter[PASSAGE_RIM], parameter[PASSAGE_PASSING_TIME]
     scene[S_DRIFT], scene[S_DAMPING] = parameter[PASSAGE_DRIFT], parameter[PASSAGE_DAMPING]
-    scene[S_STIRRING] = parameter[PASSAGE_STIRRING]
+    scene[S_STIRRING], scene[S_CALMING] = parameter[PASSAGE_STIRRING], parameter[PASSAGE_CALMING]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
     scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
@@ -625,7 +640,7 @@ def displaced(buffer, now, last):
     inputs = len(INPUT) - 1
     if differ(now, last, 0, inputs):
         return True
-    for k in (FRICTION_DECK, FRICTION_INTERNAL, DISPLACEMENT_MODEL):
+    for k in (FRICTION_DECK, FRICTION_INTERNAL, ROLLING, DISPLACEMENT_MODEL):
         if now[inputs + k] != last[inputs + k]:
             return True
     first = inputs + len(PARAMETER)
