@@ -86,18 +86,23 @@ class Number(Entry):
         if value is None and self.optional:
             return None
         wanted = Integral if self.whole else Real
-        if isinstance(value, bool) or not isinstance(value, wanted):
+        # Asking an abstract class takes longer than all the rest.
+        plain = type(value) is float and not self.whole
+        if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
             raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('')}")
         number = as_float(value)
-        about = {"given": given(name, number, self.unit)}
         if not math.isfinite(number):
-            raise self.error(told("endless", **about, cure=self.cure_of("endless")))
+            raise self.refusal(name, number, "endless")
         for text, limit in self.limits():
             if breaks(text, number, limit):
-                bound = with_unit(limit, self.unit)
-                raise self.error(told(text, **about, bound=bound, cure=self.cure_of(text)))
+                raise self.refusal(name, number, text, bound=with_unit(limit, self.unit))
         return int(number) if self.whole else number
+
+    def refusal(self, name: str, number: float, text: str, **about: str) -> Exception:
+        """The error of a number of which `text` (errors.TEXT) is told."""
+        about = {"given": given(name, number, self.unit), **about}
+        return self.error(told(text, **about, cure=self.cure_of(text)))
 
     def limits(self) -> Iterator[tuple[str, float]]:
         """Limits in the order of their checks: what is told of a value that breaks one, the limit.
