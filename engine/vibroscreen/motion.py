@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 
 import numpy as np
@@ -137,10 +138,12 @@ class Motion:
             and all(part.along == 0.0 and part.normal == 0.0 for part in self.harmonic)
         )
 
+    @cached_property
     def fundamental(self) -> NDArray[np.float64]:
         """Frequency [Hz], amplitude [m], throw angle [rad], ellipticity, for the kernels."""
         return np.array([self.frequency, self.amplitude, self.throw_angle, self.ellipticity])
 
+    @cached_property
     def harmonic_rows(self) -> NDArray[np.float64]:
         """Harmonics [m, rad] for the kernels, zero padded.
 
@@ -157,7 +160,7 @@ class Motion:
         Shape [5, 5], rows (order, along cos, along sin, normal cos, normal sin).
         """
         rows = np.zeros((ROWS, 5))
-        compose_motion(self.fundamental(), self.harmonic_rows(), rotation, rows)
+        compose_motion(self.fundamental, self.harmonic_rows, rotation, rows)
         return rows
 
 

@@ -505,7 +505,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))
     closures = (config.passage.closure, config.segregation.closure)
     put("closure", [CLOSURES.index(closure) for closure in closures])
-    put("harmonic", config.motion.harmonic_rows())
+    put("harmonic", config.motion.harmonic_rows)
     put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:
         put_nodes(layout, buffer, nodes)
@@ -540,8 +540,8 @@ def put_inputs(
             layout.view(buffer, "fraction")[:] = feed.mass_fraction
         inputs[lay.FEED_RATE] = feed.mass_flow_rate
     if motion is not None:
-        inputs[lay.FREQUENCY : lay.ELLIPTICITY + 1] = motion.fundamental()
-        layout.view(buffer, "harmonic")[...] = motion.harmonic_rows()
+        inputs[lay.FREQUENCY : lay.ELLIPTICITY + 1] = motion.fundamental
+        layout.view(buffer, "harmonic")[...] = motion.harmonic_rows
 
 
 def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
