@@ -6,6 +6,7 @@ Both answer the same calls (tests/native.py), a program in C hands them to the l
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -278,7 +279,10 @@ def test_a_state_of_either_runtime_is_one_of_the_other(
 def emulator(target: str) -> list[str]:
     """What runs programs of a platform here; skips, and says so, where nothing does."""
     if target == "win64":
-        wine = shutil.which("wine64") or shutil.which("wine")
+        # Debian's package wine64 leaves the program outside of PATH.
+        wine = shutil.which("wine64", path=f"{os.environ['PATH']}:/usr/lib/wine") or (
+            shutil.which("wine")
+        )
         return [wine] if wine else pytest.skip("wine is not installed: win64 was built, not run")
     qemu = shutil.which("qemu-aarch64")
     root = Path("/usr/aarch64-linux-gnu")
