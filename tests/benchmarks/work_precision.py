@@ -100,7 +100,7 @@ class Effort:
     """How far every scene is refined."""
 
     levels: tuple[float, ...] = (1e-3, 1e-4, 1e-5)
-    tolerances: tuple[float, ...] = tuple(10.0 ** (-0.125 * k) for k in range(8, 57))
+    tolerances: tuple[float, ...] = tuple(10.0 ** (-0.0625 * k) for k in range(16, 113))
     subdivisions: tuple[int, ...] = (0, 2, 3, 4, 5, 6, 7, 8, 12, 16)
     slices: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
     reference_tolerance: float = 1e-9

@@ -36,6 +36,7 @@ from vibroscreen.kernels.layout import (
     AT_LEADER,
     AT_LENGTH,
     AT_LOAD,
+    AT_NODE_WORK,
     AT_ON_PANEL,
     AT_PACE,
     AT_PARAMETER,
@@ -773,19 +774,24 @@ def take_part(buffer, deck, index, row, part):
     flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
     used = package_vector(buffer, AT_LAYERS_USED, deck)
     rows = int(max(used[index], deck_vector(buffer, deck)[D_ROWS]))
+    held, scale = node_vector(buffer, AT_NODE_WORK, 0), node_vector(buffer, AT_NODE_WORK, 1)
+    for i in range(passed.size):
+        held[i] = 0.0
+    for j in range(rows):
+        for i in range(passed.size):
+            load[j, i] = max(0.0, load[j, i])
+            held[i] += load[j, i]
     for i in range(passed.size):
         flux[i] = min(before[i], max(0.0, mean[i] - passed[i]))
         passed[i] += flux[i]
-        held = 0.0
-        for j in range(rows):
-            load[j, i] = max(0.0, load[j, i])
-            held += load[j, i]
         left = before[i] - flux[i]
-        scale = left / held if held > NOTHING else 0.0
-        for j in range(rows):
-            load[j, i] *= scale
-        if scale == 0.0:
-            load[0, i] = left
+        scale[i] = left / held[i] if held[i] > NOTHING else 0.0
+    for j in range(rows):
+        for i in range(passed.size):
+            load[j, i] *= scale[i]
+    for i in range(passed.size):
+        if scale[i] == 0.0:
+            load[0, i] = before[i] - flux[i]
     used[index] = restack(buffer, package_scene(buffer, deck, index), load, rows)
     area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
     pass_through(buffer, deck, row, area, 0.0)
