@@ -33,7 +33,8 @@ SOLIDS = 0.58
 # Classes whose means are 2, 4, 6, 7 and 12 mm.
 SIZES = np.array([2.0, 4.0, 6.0, 7.0, 12.0]) * 1e-3
 EDGES = (0.0015, 0.0025, 0.0055, 0.0065, 0.0075, 0.0165)
-NUMBERS = ("rim", "passing_time", "drift", "damping", "lift", "stirring", "calming", "depletion")
+HELD = ("rim", "passing_time", "drift", "damping", "lift", "stirring")
+NUMBERS = (*HELD, "calming", "depletion", "levelling")
 BARE = dict.fromkeys(NUMBERS, 0.0)
 TOLERANCE = 1e-6
 
@@ -164,6 +165,21 @@ def test_a_deep_bed_holds_its_grains_down() -> None:
     assert_allclose(batch(config, load, 1, list(times)), 1.0 - left / load, atol=2e-6)
 
 
+def test_damping_levels_off_with_depth() -> None:
+    """dm/dt = -q/(1 + D m/(1 + c m)), m over the contact layer: m + D (m - log(1 + c m)/c)/c."""
+    damping, levelling, velocity = 0.9, 0.4, 0.05
+    config = plate(velocity, rim=1.0, damping=damping, levelling=levelling)
+    load, time = 6.0 * RHO * CONTACT, 1.5
+    left = load * (1.0 - batch(config, load, 1, [time])[0])
+    assert left > RHO * CONTACT
+    first, last = load / (RHO * CONTACT), left / (RHO * CONTACT)
+    held = math.log1p(levelling * first) - math.log1p(levelling * last)
+    share = damping * CONTACT / APERTURE * (first - last - held / levelling) / levelling
+    assert_allclose(CONTACT * (first - last + share), velocity * OPEN_AREA * time, rtol=1e-5)
+    # without levelling the bed is damped more and less passes
+    assert batch(plate(velocity, rim=1.0, damping=damping), load, 1, [time])[0] < 1.0 - left / load
+
+
 def test_a_thrown_bed_lies_loosely() -> None:
     """dm/dt = -q m/(m + rho_b l) while the contact layer is full: m + rho_b l log m falls evenly."""
     lift, velocity = 1.6, 0.05
@@ -263,7 +279,7 @@ def test_riding_on_takes_from_damping_and_crowding_alike() -> None:
 def test_a_mixed_deck_against_scipy() -> None:
     """All of the law at once in a well mixed bed of five sizes."""
     rim, passing_time, drift, damping, u, v = 0.3, 1.8, 0.5, 0.5, 0.5, 0.2
-    lift, stirring, calming, depletion = 0.8, 0.6, 0.5, 0.7
+    lift, stirring, calming, depletion, levelling = 0.8, 0.6, 0.5, 0.7, 0.3
     config = plate(
         u,
         rim=rim,
@@ -274,6 +290,7 @@ def test_a_mixed_deck_against_scipy() -> None:
         stirring=stirring,
         calming=calming,
         depletion=depletion,
+        levelling=levelling,
     )
     less = 1.0 + stirring * v / FALL
     passes = SIZES < APERTURE
@@ -283,8 +300,8 @@ def test_a_mixed_deck_against_scipy() -> None:
     fed = np.array(config.feed.mass_fraction) * 5.0 / v
 
     def change(_: float, load: np.ndarray) -> np.ndarray:
-        held = 1.0 + damping / less * load.sum() / (RHO * APERTURE)
         depth = load.sum() / RHO
+        held = 1.0 + damping / less * depth / (1.0 + levelling * depth / CONTACT) / APERTURE
         held *= 1.0 + lift * THROW / (1.0 + calming * depth / CONTACT) / max(depth, CONTACT)
         short = depletion * u * OPEN_AREA * chance * depth / (held * SWING * APERTURE)
         lying = load / load.sum() * min(1.0, load.sum() / (RHO * CONTACT))

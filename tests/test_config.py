@@ -106,6 +106,7 @@ TOLD = {
     "passage.closure",
     "passage.damping",
     "passage.depletion",
+    "passage.levelling",
     "passage.drift",
     "passage.lift",
     "passage.passing_time",

@@ -80,6 +80,16 @@ def batch_error(plate: ScreenConfig, name: str) -> np.ndarray:
     return np.asarray((recovery[:, ::2] - measured)[:, below]).ravel()
 
 
+def numbers(plate: ScreenConfig) -> dict[str, float]:
+    """Numbers of the plate, fitted or held, by the name of the variable."""
+    held = ("damping", "lift", "stirring", "calming", "depletion", "levelling")
+    names = ("velocity", "rim", "drift", "passing_time", *held)
+    values = {f"passage.{name}": getattr(plate.passage, name) for name in names}
+    values["segregation.velocity"] = plate.segregation.velocity
+    values["segregation.dilation"] = plate.segregation.dilation
+    return values
+
+
 def rmse(errors: list[np.ndarray]) -> float:
     """Root of the mean over the cases of their mean squares."""
     return math.sqrt(np.mean([np.mean(error**2) for error in errors]))
@@ -95,7 +105,12 @@ def test_the_plate_meets_the_batches(plate: ScreenConfig) -> None:
 
 def test_undersize_of_the_deepest_deck(plate: ScreenConfig) -> None:
     """1.5 times the base feed passes no more than it does: the openings are taken up."""
-    assert rmse([deck_error(plate, "B15")]) <= 0.07
+    assert rmse([deck_error(plate, "B15")]) <= 0.065
+
+
+def test_twice_the_base_feed(plate: ScreenConfig) -> None:
+    """The data's README says about 9 kg/(m2 s) from 0.75 to 2 times the base feed."""
+    assert example.twice_the_feed(numbers(plate)) == pytest.approx(9.0, rel=0.1)
 
 
 def test_what_the_plate_says_of_a_bed_that_is_thrown(plate: ScreenConfig) -> None:
@@ -108,11 +123,7 @@ def test_what_the_plate_says_of_a_bed_that_is_thrown(plate: ScreenConfig) -> Non
 
 def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
     """Within two standard errors in 57 of 72 segments; 50 without calming, depletion, rolling."""
-    names = ("velocity", "rim", "drift", "damping", "lift", "stirring", "calming", "depletion")
-    values = {f"passage.{name}": getattr(plate.passage, name) for name in names}
-    values["segregation.velocity"] = plate.segregation.velocity
-    values["segregation.dilation"] = plate.segregation.dilation
-    runs = example.deck_runs()
+    values, runs = numbers(plate), example.deck_runs()
     inside = {run.name: example.within(example.along(run, values)) for run in runs}
     assert sum(inside.values()) >= 56
     assert min(inside.values()) >= 6

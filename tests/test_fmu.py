@@ -109,6 +109,7 @@ TUNABLE = {
     "passage.stirring": ("1", None),
     "passage.calming": ("1", None),
     "passage.depletion": ("1", None),
+    "passage.levelling": ("1", None),
     "segregation.velocity": ("m/s", None),
     "segregation.dilation": ("m", "mm"),
     "segregation.proportion": ("1", None),

@@ -34,7 +34,8 @@ def screens(draw: st.DrawFn, law: str, model: str) -> ScreenConfig:
     fed = np.array(draw(fractions))
     bounced = {}
     if law == "bounce":
-        bounced = {name: draw(st.sampled_from((0.0, 1.0))) for name in ("calming", "depletion")}
+        names = ("calming", "depletion", "levelling")
+        bounced = {name: draw(st.sampled_from((0.0, 1.0))) for name in names}
     return ScreenConfig(
         SizeClasses(EDGES, draw(st.sampled_from((0, 1)))),
         decks=(Deck(1.5, (Panel(3.0, 0.0, APERTURE, 0.5),)),),

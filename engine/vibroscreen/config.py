@@ -376,7 +376,8 @@ class Passage:
     bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
     a bed that rides on at sqrt(g aperture) holds and crowds its grains less; calming, by how much
     less a bed as deep as the contact layer is thrown; depletion, how short a bed as deep as the
-    aperture runs of passing grains at the deck where they pass as fast as it is thrown.
+    aperture runs of passing grains at the deck where they pass as fast as it is thrown; levelling,
+    by how much less a bed as deep as the contact layer damps.
     """
 
     law: str = field(
@@ -398,6 +399,7 @@ class Passage:
     stirring: float = field(default=0.7, metadata=number("stirring", at_least=0.0, at_most=100.0))
     calming: float = field(default=0.0, metadata=number("calming", at_least=0.0, at_most=100.0))
     depletion: float = field(default=0.0, metadata=number("depletion", at_least=0.0, at_most=100.0))
+    levelling: float = field(default=0.0, metadata=number("levelling", at_least=0.0, at_most=100.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
 
     def __post_init__(self) -> None:

@@ -83,6 +83,7 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
     ("parameter", "passage_stirring"): ("passage.stirring", "", "0 is for beds that do not convey"),
     ("parameter", "passage_calming"): ("passage.calming", "", "0 throws all beds alike"),
     ("parameter", "passage_depletion"): ("passage.depletion", "", "0 renews what lies on the deck"),
+    ("parameter", "passage_levelling"): ("passage.levelling", "", "0 lets all of a bed damp"),
     ("parameter", "segregation_model"): ("segregation.model", "", ""),
     ("parameter", "segregation_velocity"): (
         "segregation.velocity",
@@ -470,6 +471,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         "passage_stirring": config.passage.stirring,
         "passage_calming": config.passage.calming,
         "passage_depletion": config.passage.depletion,
+        "passage_levelling": config.passage.levelling,
         "segregation_model": registry.model("segregation", config.segregation.model).number,
         "segregation_velocity": config.segregation.velocity,
         "segregation_dilation": config.segregation.dilation,

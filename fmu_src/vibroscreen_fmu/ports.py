@@ -129,6 +129,9 @@ _PARAMETERS = {
         "How a deep bed runs short of passing grains at the deck, used by the passage law bounce",
         _TUNABLE,
     ),
+    "passage_levelling": _Meaning(
+        "How damping levels off with the depth of the bed, used by the passage law bounce", _TUNABLE
+    ),
     "segregation_model": _Meaning("How fine grains find their way down through the bed"),
     "segregation_velocity": _Meaning(
         "Velocity at which fine grains percolate down through the bed", _TUNABLE

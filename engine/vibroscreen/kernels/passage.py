@@ -25,6 +25,7 @@ from vibroscreen.kernels.layout import (
     S_DENSITY,
     S_DEPLETION,
     S_DRIFT,
+    S_LEVELLING,
     S_LIFT,
     S_LOOSENING,
     S_OPEN_AREA,
@@ -85,7 +86,7 @@ def bounce(size, fraction, scene, probability):
     """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
 
     P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed,
-    E = (1 + lift/((1 + calming H/h_c) max(H, h_c))) (1 + damping H/(S a)),
+    E = (1 + lift/((1 + calming H/h_c) max(H, h_c))) (1 + damping H/(S a (1 + levelling H/h_c))),
     G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
     S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H/(E V a). B = the time for which an
     opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
@@ -97,8 +98,10 @@ def bounce(size, fraction, scene, probability):
     carried = scene[S_DRIFT] * ride / aperture
     beyond = (1.0 - scene[S_RIM]) / aperture
     stirred = 1.0 + scene[S_STIRRING] * ride
-    held = 1.0 + scene[S_DAMPING] * scene[S_BED_LOAD] / (stirred * scene[S_DENSITY] * aperture)
-    calm = 1.0 + scene[S_CALMING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
+    layers = scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
+    damping = scene[S_BED_LOAD] / (1.0 + scene[S_LEVELLING] * layers)
+    held = 1.0 + scene[S_DAMPING] * damping / (stirred * scene[S_DENSITY] * aperture)
+    calm = 1.0 + scene[S_CALMING] * layers
     bed = calm * max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
     held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / bed
     short = scene[S_DEPLETION] * scene[S_BED_LOAD] / scene[S_DENSITY]

@@ -154,6 +154,7 @@ from vibroscreen.kernels.layout import (
     PASSAGE_DEPLETION,
     PASSAGE_DRIFT,
     PASSAGE_LAW,
+    PASSAGE_LEVELLING,
     PASSAGE_LIFT,
     PASSAGE_PASSING_TIME,
     PASSAGE_RIM,
@@ -180,6 +181,7 @@ from vibroscreen.kernels.layout import (
     S_HORIZON,
     S_INCLINATION,
     S_LAYER_LOAD,
+    S_LEVELLING,
     S_LIFT,
     S_LOOSENING,
     S_OPEN_AREA,
@@ -260,6 +262,7 @@ PARAMETER_LIMITS = (
     (PASSAGE_STIRRING, 0.0, 100.0),
     (PASSAGE_CALMING, 0.0, 100.0),
     (PASSAGE_DEPLETION, 0.0, 100.0),
+    (PASSAGE_LEVELLING, 0.0, 100.0),
     (SEGREGATION_VELOCITY, 0.0, 100.0),
     (SEGREGATION_DILATION, 0.0, 1.0),
     (SEGREGATION_PROPORTION, 0.0, 1.0),
@@ -555,6 +558,7 @@ def set_scene(buffer, deck, number, scene):
     scene[S_RIM], scene[S_PASSING_TIME] = parameter[PASSAGE_RIM], parameter[PASSAGE_PASSING_TIME]
     scene[S_DRIFT], scene[S_DAMPING] = parameter[PASSAGE_DRIFT], parameter[PASSAGE_DAMPING]
     scene[S_STIRRING], scene[S_CALMING] = parameter[PASSAGE_STIRRING], parameter[PASSAGE_CALMING]
+    scene[S_LEVELLING] = parameter[PASSAGE_LEVELLING]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
     scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
