@@ -11,11 +11,12 @@ import pytest
 from tests.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
-from vibroscreen.config import ScreenConfig, Solver
+from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import package, rates, schemes
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.jit import kernel
+from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0
 
@@ -185,3 +186,37 @@ def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> N
     numbers = (8, 16, 32, 64)
     errors = [float(np.sqrt(((undersize(n) - reference) ** 2).mean())) for n in numbers]
     assert slope(numbers, errors) == pytest.approx(2.0, abs=0.5), errors
+
+
+def test_steps_go_past_layers_that_run_out() -> None:
+    """A bed of 80 mm in ever thinner layers: the error keeps to the tolerance, hardly a step lands.
+
+    At a tolerance of 1e-8 a step ends wherever a layer runs out.
+    """
+    tolerance, layers = 1e-4, (12, 25, 50, 100)
+    default = ScreenConfig.default()
+    steps = []
+
+    def solve(count: int, solver: Solver) -> tuple[np.ndarray, float, float]:
+        depth = 0.08 / count
+        screen = Screen(
+            default.replace(
+                size_classes=SizeClasses(default.size_classes.edges, subdivision=1),
+                displacement=Displacement("prescribed", 0.3),
+                segregation=Segregation("exchange", velocity=0.05),
+                bed=Bed(contact_depth=depth, layer_depth=depth, layers=count + 1),
+                solver=solver,
+            )
+        )
+        recovery = screen.solve_steady().recovery
+        layout, buffer = screen._slice()
+        counter = layout.view(buffer, "counter")
+        return recovery, counter[lay.C_COLUMN_STEPS], counter[lay.C_LANDINGS]
+
+    for count in layers:
+        exact, _, _ = solve(count, Solver(1e-8))
+        recovery, taken, landings = solve(count, Solver(tolerance))
+        assert np.abs(recovery - exact).max() <= tolerance
+        assert landings <= 0.05 * taken
+        steps.append(taken)
+    assert slope(layers, steps) > -0.4, steps

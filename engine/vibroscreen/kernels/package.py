@@ -1,7 +1,8 @@
 """One slice of the bed in time: which scheme, how long a step (MODEL.md, "A package in time").
 
 The error estimate of a scheme sets its next step (and order); steps end at the moments at which a
-layer runs out or is filled. Time integrals over parts of a trajectory go to packages that share it.
+layer runs out or is filled, where going past them would cost too much. Time integrals over parts
+of a trajectory go to packages that share it.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
+    AT_COMPACT,
     AT_COUNTER,
     AT_LOAD,
+    AT_NODE_WORK,
     AT_PARAMETER,
     AT_PART_END,
     AT_PART_PASSED,
@@ -75,15 +78,19 @@ from vibroscreen.kernels.rates import (
     INTEGRAL,
     K1,
     K2,
+    K7,
     NOW,
     STAGED,
+    active_vector,
     bed_load,
     block,
     block_load,
     block_passed,
+    block_share,
     close_sizes,
     column_rates,
     fastest_rate,
+    follows_share,
     gather,
     keep_top_share,
     layers_for,
@@ -91,6 +98,7 @@ from vibroscreen.kernels.rates import (
     reconstructed,
     restack,
     scatter,
+    worst_of,
 )
 from vibroscreen.kernels.schemes import (
     CHAIN,
@@ -134,6 +142,12 @@ PAST = 1.2
 STRETCH = 1.35
 # A step that went past such a moment is shortened to no less than this part of it at once.
 LEAST_LANDING = 0.1
+# It may go past that moment where what it puts into a wrong layer is at most this, times the
+# number of layers, of what a step may cost: it lies one layer away from where it should, near the
+# top. After the step it may be more by the second factor, as it was foretold from the start of it.
+OVER_MARGIN, FORETOLD = 1.0, 2.0
+# It does so where this part at least of what it draws from the layer may be beyond what that holds.
+WORTH = 0.2
 # A part of `tolerance` that a step may always use, however short it is.
 LEAST_SHARE = 0.05
 # Steps below this part of the horizon are taken whatever the estimate says (counted).
@@ -141,7 +155,7 @@ SHORTEST = 1e-10
 # Accepted steps after which sizes are looked through again.
 REVIEW = 24
 # Explicit schemes are not used where the pair would need more than STIFF / STABLE steps.
-STIFF = 3000.0
+STIFF = 30000.0
 # A first step of the pair, as a part of the longest that is stable: at a tolerance of 1e-3, and at
 # most. An error of order 6 in a step meets a tolerance with its sixth root.
 FIRST_PAIR, MOST_FIRST = 0.33, 0.7
@@ -193,6 +207,9 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
             integral_in_step(buffer, layers, h, a, b, scheme)
+            held = block_load(buffer, AT_TRIAL, OF_PART)
+            if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
+                carry_debts(block_passed(buffer, AT_TRIAL, OF_PART), held, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return
@@ -291,6 +308,51 @@ def mass_to_kink(buffer, scene, load, layers, growth):
         full = scene[S_CONTACT_LOAD]
         distance = mass - full if growth < 0.0 else full - mass
     return distance if distance > miss_of(buffer, layers, growth) * full else 0.0
+
+
+@kernel
+def misplaced(buffer, scene, layers, state, rate, over):
+    """What a step puts into a wrong layer that draws `over` kg/m2 too much from the top one.
+
+    As a part of what was fed of a size, like an error. The layer below, full in that step, is the
+    top one in truth and shrinks: what percolates out of it does, and what settles out of it is not
+    refilled. Both grow with what is drawn too much, so their integral does with its square. The
+    same for every layer that runs out, down to the contact layer, which may not.
+    """
+    load, change = block_load(buffer, AT_STAGE, state), block_load(buffer, AT_STAGE, rate)
+    share = block_share(buffer, AT_STAGE, state, layers)
+    weight = active_vector(buffer, AT_COMPACT, 1)
+    error, flux = active_vector(buffer, AT_NODE_WORK, 1), active_vector(buffer, AT_NODE_WORK, 2)
+    full = scene[S_LAYER_FULL]
+    row = layers - 1
+    lost = -layer_mass(change, row)
+    settling = lost / full
+    for i in range(error.size):
+        error[i], flux[i] = 0.0, -change[row, i]
+    while over > 0.0 and row > 1 and lost > 0.0:
+        row -= 1
+        part = min(1.0, over / full)
+        scale = 0.5 * part * part / settling
+        over -= full
+        for i in range(error.size):
+            refill = lost * share[0, i] if row == layers - 2 else settling * load[row + 1, i]
+            flux[i] -= change[row, i]  # all that goes down from this layer
+            error[i] += scale * abs(flux[i] + refill - 2.0 * settling * load[row, i])
+    return worst_of(error, weight) if over <= 0.0 else 1e300
+
+
+@kernel
+def over_allowed(buffer, scene, book, layers, h, growth):
+    """What a step of h may draw from the top layer beyond what it holds, kg/m2; 0: not worth it."""
+    allowed = OVER_MARGIN * layers * allowance(buffer, scene, book, h)
+    drawn = -growth * h
+    over = min(drawn, (layers - 2) * scene[S_LAYER_FULL])
+    while over > WORTH * drawn:
+        error = misplaced(buffer, scene, layers, NOW, K1, over)
+        if error <= allowed:
+            return over
+        over *= 0.9 * sqrt(allowed / error)
+    return 0.0
 
 
 @kernel
@@ -421,15 +483,17 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             else:
                 sum_step(buffer, layers, h, scheme)
             paid = take_explicit(buffer, layers, ended)
-            if not paid:
-                carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
-                if linear:  # faces have debts in any layer: fill those that paid
-                    layers = restack(buffer, scene, load, layers)
-                    most = max(most, layers)
-            if landed < 1.0:
+            if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
                 layers = settle_top(buffer, scene, layers, growth)
                 most = max(most, layers)
                 before = 0.0
+            if not paid:
+                past = layer_mass(load, layers - 1) < 0.0
+                carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
+                if linear or past:  # faces have debts in any layer: fill those that paid
+                    layers = restack(buffer, scene, load, layers)
+                    most = max(most, layers)
+                before = 0.0 if past else before
             fresh = ended and paid
             keep_top_share(buffer, layers)
         else:
@@ -547,6 +611,12 @@ def explicit_length(
     margin = MARGIN_SORTED if kinks else MARGIN
     scheme, h = choose_scheme(buffer, book, fastest, left)
     cut = 0.0 < kink < STRETCH * h
+    passes = cut and growth < 0.0 and follows_share(buffer, layers)
+    if passes:
+        over = over_allowed(buffer, scene, book, layers, h, growth)
+        if over > 0.0:
+            cut = False
+            h = min(h, (mass + over) / -growth)
     if cut:
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
         past = PAST * kink if layers > 1 and growth < 0.0 else kink
@@ -566,7 +636,11 @@ def explicit_length(
             if not kinks and buffer[N_SOURCE] == 0.0:
                 error *= max(LEAST_HIGHER, HIGHER * h * fastest)
         moved = abs(layer_mass(staged, layers - 1) - mass)
-        if distance > 0.0 and moved > distance + miss * full and landings < 8:
+        lands = distance > 0.0 and moved > distance + miss * full and landings < 8
+        if lands and passes:
+            most = FORETOLD * OVER_MARGIN * layers * allowance(buffer, scene, book, h)
+            lands = misplaced(buffer, scene, layers, STAGED, K7, moved - mass) > most
+        if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
             part = part_to_kink(buffer, layers, h, scheme, distance if growth > 0.0 else -distance)
             counter[C_LANDINGS] += 1
@@ -592,6 +666,12 @@ def explicit_length(
             book[D_WIDE] = h * min(MOST_WIDER, step_factor(error, STABILISED))
             counter[C_PAIR_STEPS] += 1
         elif scheme == CHAIN:
+            reach = CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest
+            if fit > reach:
+                # Beyond it the stabilised scheme steps, which leaves out what is of third order.
+                error = third_order_error(buffer, h, layers) * margin[CHAIN]
+                far = h * step_factor(error / (allowed * margin[STABILISED]), STABILISED)
+                fit = max(reach, min(fit, SHORTER * far))
             book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
             counter[C_CHAIN_STEPS] += 1
         else:

@@ -16,7 +16,7 @@ from math import sqrt
 import numpy as np
 
 from vibroscreen.kernels.elementary import cosh, log, sinh
-from vibroscreen.kernels.jit import inlined, kernel, view2
+from vibroscreen.kernels.jit import folded, inlined, kernel, view2
 from vibroscreen.kernels.layout import (
     AT_COMPACT,
     AT_NODE_WORK,
@@ -61,7 +61,7 @@ from vibroscreen.kernels.segregation import layer_mass, weighted_mass
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
 PAIR, CHAIN, STABILISED = range(3)
-# Block of `trial` between steps: the column or its time integral over a part of one.
+# Block of `trial`: errors of a step; between steps the column or its time integral over a part.
 OF_PART = 2
 # The explicit pair is stable up to this step times the fastest rate.
 STABLE = 3.2
@@ -172,23 +172,39 @@ def stage_value(buffer, stage, h, size):
 
 @kernel
 def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
-    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|.
-
-    h times the sum of e1 to e6 times the rates in K1, in the four blocks `stage`, and in K7.
-    """
-    nodes = int(buffer[N_ACTIVE])
-    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
+    """Error of a step: h times the sum of e1 to e6 times the rates in K1, in `stage`, and in K7."""
     k1, k2 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, stage[0])
     k3, k4 = block(buffer, AT_STAGE, stage[1]), block(buffer, AT_STAGE, stage[2])
     k5, k6 = block(buffer, AT_STAGE, stage[3]), block(buffer, AT_STAGE, K7)
-    for row in range(layers + 1):
-        share = h if row == 0 else 0.5 * h
+    out = block(buffer, AT_TRIAL, OF_PART)
+    h1, h2, h3, h4, h5, h6 = h * e1, h * e2, h * e3, h * e4, h * e5, h * e6
+    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
+        out[i] = h1 * k1[i] + h2 * k2[i] + h3 * k3[i] + (h4 * k4[i] + h5 * k5[i] + h6 * k6[i])
+    return worst_error(buffer, layers)
+
+
+@folded
+def worst_error(buffer, layers):
+    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|.
+
+    The errors lie in block OF_PART. A top layer that has run out is one with that which it joins.
+    """
+    nodes = int(buffer[N_ACTIVE])
+    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
+    out, load = block(buffer, AT_TRIAL, OF_PART), block_load(buffer, AT_STAGE, STAGED)
+    rows, mass = layers, layer_mass(load, layers - 1)
+    while rows > 1 and mass < 0.0:
+        start = rows * nodes
+        for i in range(nodes):
+            out[start - nodes + i] += out[start + i]
+        rows -= 1
+        mass += layer_mass(load, rows - 1)
+    for i in range(nodes):
+        error[i] = abs(out[i])
+    for row in range(1, rows + 1):
         start = row * nodes
         for i in range(nodes):
-            n = start + i
-            one = e1 * k1[n] + e2 * k2[n] + e3 * k3[n] + e4 * k4[n] + e5 * k5[n] + e6 * k6[n]
-            before = 0.0 if row == 0 else error[i]
-            error[i] = before + share * abs(one)
+            error[i] += 0.5 * abs(out[start + i])
     return worst_of(error, weight)
 
 
@@ -365,19 +381,12 @@ def swap_blocks(buffer, one, two, size):
 @kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
-    nodes = int(buffer[N_ACTIVE])
-    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
     k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
-    for row in range(layers + 1):
-        share = 1.0 if row == 0 else 0.5
-        start = row * nodes
-        for i in range(nodes):
-            n = start + i
-            one = 0.8 * (y[n] - new[n]) + 0.4 * h * (k1[n] + k7[n])
-            before = 0.0 if row == 0 else error[i]
-            error[i] = before + share * abs(one)
-    return worst_of(error, weight)
+    out = block(buffer, AT_TRIAL, OF_PART)
+    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
+        out[i] = 0.8 * (y[i] - new[i]) + 0.4 * h * (k1[i] + k7[i])
+    return worst_error(buffer, layers)
 
 
 @kernel
