@@ -191,12 +191,14 @@ def test_a_thrown_bed_lies_loosely() -> None:
     assert_allclose(fallen, RHO * velocity * OPEN_AREA * time, rtol=1e-5)
 
 
-@pytest.mark.parametrize("lift", [0.5, 2.0])
-def test_a_thin_thrown_bed_passes_at_a_lower_rate(lift: float) -> None:
-    """k = u phi g^2/(h_c + l): as if the contact layer were deeper by the lift."""
-    rate = 0.05 * OPEN_AREA * (1.0 - SIZES[1] / APERTURE) ** 2 / (CONTACT + lift * THROW)
+@pytest.mark.parametrize(("lift", "calming"), [(0.5, 0.0), (2.0, 0.0), (2.0, 3.0)])
+@pytest.mark.parametrize("load", [1e-5, 0.9 * RHO * CONTACT])
+def test_a_thin_thrown_bed_passes_at_a_lower_rate(lift: float, calming: float, load: float) -> None:
+    """k = u phi g^2/(h_c + l): as if the contact layer were deeper by the lift, whatever the bed."""
+    thrown = lift * THROW / (1.0 + calming)
+    rate = 0.05 * OPEN_AREA * (1.0 - SIZES[1] / APERTURE) ** 2 / (CONTACT + thrown)
     times = [0.2, 1.0, 3.0]
-    recovery = batch(plate(0.05, lift=lift), 1e-5, 1, times)
+    recovery = batch(plate(0.05, lift=lift, calming=calming), load, 1, times)
     assert_allclose(recovery, -np.expm1(-rate * np.array(times)), atol=2e-5)
 
 
@@ -302,7 +304,8 @@ def test_a_mixed_deck_against_scipy() -> None:
     def change(_: float, load: np.ndarray) -> np.ndarray:
         depth = load.sum() / RHO
         held = 1.0 + damping / less * depth / (1.0 + levelling * depth / CONTACT) / APERTURE
-        held *= 1.0 + lift * THROW / (1.0 + calming * depth / CONTACT) / max(depth, CONTACT)
+        bed = max(depth, CONTACT)
+        held *= 1.0 + lift * THROW / (1.0 + calming * bed / CONTACT) / bed
         short = depletion * u * OPEN_AREA * chance * depth / (held * SWING * APERTURE)
         lying = load / load.sum() * min(1.0, load.sum() / (RHO * CONTACT))
         tried = RHO * u * OPEN_AREA * chance * lying / (held * (1.0 + short))  # kg/(m2 s), alone

@@ -86,7 +86,8 @@ def bounce(size, fraction, scene, probability):
     """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
 
     P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed,
-    E = (1 + lift/((1 + calming H/h_c) max(H, h_c))) (1 + damping H/(S a (1 + levelling H/h_c))),
+    E = (1 + lift/((1 + calming H_c/h_c) H_c)) (1 + damping H/(S a (1 + levelling H/h_c))),
+    H_c = max(H, h_c),
     G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
     S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H/(E V a). B = the time for which an
     opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
@@ -98,12 +99,12 @@ def bounce(size, fraction, scene, probability):
     carried = scene[S_DRIFT] * ride / aperture
     beyond = (1.0 - scene[S_RIM]) / aperture
     stirred = 1.0 + scene[S_STIRRING] * ride
-    layers = scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
-    damping = scene[S_BED_LOAD] / (1.0 + scene[S_LEVELLING] * layers)
-    held = 1.0 + scene[S_DAMPING] * damping / (stirred * scene[S_DENSITY] * aperture)
-    calm = 1.0 + scene[S_CALMING] * layers
-    bed = calm * max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
-    held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / bed
+    level = 1.0 + scene[S_LEVELLING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
+    damping = scene[S_DAMPING] * scene[S_BED_LOAD] / level
+    held = 1.0 + damping / (stirred * scene[S_DENSITY] * aperture)
+    bed = max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
+    calm = 1.0 + scene[S_CALMING] * bed / scene[S_CONTACT_LOAD]
+    held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / (calm * bed)
     short = scene[S_DEPLETION] * scene[S_BED_LOAD] / scene[S_DENSITY]
     short *= scene[S_PASSAGE_VELOCITY] * scene[S_OPEN_AREA] / held
     crowd = 0.0
