@@ -142,10 +142,9 @@ PAST = 1.2
 STRETCH = 1.35
 # A step that went past such a moment is shortened to no less than this part of it at once.
 LEAST_LANDING = 0.1
-# It may go past that moment where what it puts into a wrong layer is at most this, times the
-# number of layers, of what a step may cost: it lies one layer away from where it should, near the
-# top. After the step it may be more by the second factor, as it was foretold from the start of it.
-OVER_MARGIN, FORETOLD = 1.0, 2.0
+# It may go past that moment where what it puts into a wrong layer is an error of at most this times
+# the allowance. After the step it may be more by the second factor, as it was foretold before it.
+OVER_MARGIN, FORETOLD = 2.0, 2.0
 # It does so where this part at least of what it draws from the layer may be beyond what that holds.
 WORTH = 0.2
 # A part of `tolerance` that a step may always use, however short it is.
@@ -314,7 +313,7 @@ def mass_to_kink(buffer, scene, load, layers, growth):
 def misplaced(buffer, scene, layers, state, rate, over):
     """What a step puts into a wrong layer that draws `over` kg/m2 too much from the top one.
 
-    As a part of what was fed of a size, like an error. The layer below, full in that step, is the
+    As `worst_error` counts what lies one layer too low. The layer below, full in that step, is the
     top one in truth and shrinks: what percolates out of it does, and what settles out of it is not
     refilled. Both grow with what is drawn too much, so their integral does with its square. The
     same for every layer that runs out, down to the contact layer, which may not.
@@ -338,13 +337,13 @@ def misplaced(buffer, scene, layers, state, rate, over):
             refill = lost * share[0, i] if row == layers - 2 else settling * load[row + 1, i]
             flux[i] -= change[row, i]  # all that goes down from this layer
             error[i] += scale * abs(flux[i] + refill - 2.0 * settling * load[row, i])
-    return worst_of(error, weight) if over <= 0.0 else 1e300
+    return 2.0 / layers * worst_of(error, weight) if over <= 0.0 else 1e300
 
 
 @kernel
 def over_allowed(buffer, scene, book, layers, h, growth):
     """What a step of h may draw from the top layer beyond what it holds, kg/m2; 0: not worth it."""
-    allowed = OVER_MARGIN * layers * allowance(buffer, scene, book, h)
+    allowed = OVER_MARGIN * allowance(buffer, scene, book, h)
     drawn = -growth * h
     over = min(drawn, (layers - 2) * scene[S_LAYER_FULL])
     while over > WORTH * drawn:
@@ -638,7 +637,7 @@ def explicit_length(
         moved = abs(layer_mass(staged, layers - 1) - mass)
         lands = distance > 0.0 and moved > distance + miss * full and landings < 8
         if lands and passes:
-            most = FORETOLD * OVER_MARGIN * layers * allowance(buffer, scene, book, h)
+            most = FORETOLD * OVER_MARGIN * allowance(buffer, scene, book, h)
             lands = misplaced(buffer, scene, layers, STAGED, K7, moved - mass) > most
         if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.

@@ -185,26 +185,23 @@ def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
 
 @folded
 def worst_error(buffer, layers):
-    """Largest error of a step, as a part of what was fed of a size: |passed| + half |loads|.
+    """Largest error of a step, as a part of what was fed of a size; its errors lie in OF_PART.
 
-    The errors lie in block OF_PART. A top layer that has run out is one with that which it joins.
+    What passed wrongly counts 3/2. What lies in a wrong layer counts by how far it was moved over
+    the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
     nodes = int(buffer[N_ACTIVE])
     weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
-    out, load = block(buffer, AT_TRIAL, OF_PART), block_load(buffer, AT_STAGE, STAGED)
-    rows, mass = layers, layer_mass(load, layers - 1)
-    while rows > 1 and mass < 0.0:
-        start = rows * nodes
-        for i in range(nodes):
-            out[start - nodes + i] += out[start + i]
-        rows -= 1
-        mass += layer_mass(load, rows - 1)
+    moved, out = active_vector(buffer, AT_NODE_WORK, 2), block(buffer, AT_TRIAL, OF_PART)
     for i in range(nodes):
-        error[i] = abs(out[i])
-    for row in range(1, rows + 1):
+        moved[i] = out[i]
+        error[i] = 1.5 * abs(out[i])
+    face = 2.0 / layers
+    for row in range(1, layers):
         start = row * nodes
         for i in range(nodes):
-            error[i] += 0.5 * abs(out[start + i])
+            moved[i] += out[start + i]
+            error[i] += face * abs(moved[i])
     return worst_of(error, weight)
 
 
