@@ -33,8 +33,17 @@ SOLIDS = 0.58
 # Classes whose means are 2, 4, 6, 7 and 12 mm.
 SIZES = np.array([2.0, 4.0, 6.0, 7.0, 12.0]) * 1e-3
 EDGES = (0.0015, 0.0025, 0.0055, 0.0065, 0.0075, 0.0165)
-HELD = ("rim", "passing_time", "drift", "damping", "lift", "stirring")
-NUMBERS = (*HELD, "calming", "depletion", "levelling")
+NUMBERS = (
+    "rim",
+    "passing_time",
+    "drift",
+    "damping",
+    "lift",
+    "stirring",
+    "calming",
+    "depletion",
+    "levelling",
+)
 BARE = dict.fromkeys(NUMBERS, 0.0)
 TOLERANCE = 1e-6
 
@@ -165,30 +174,36 @@ def test_a_deep_bed_holds_its_grains_down() -> None:
     assert_allclose(batch(config, load, 1, list(times)), 1.0 - left / load, atol=2e-6)
 
 
+# A deep bed of one size, in contact layers, and the depth that would pass were it not hindered, m.
+DEEP, TIME, VELOCITY = 6.0, 1.5, 0.05
+UNHINDERED = VELOCITY * OPEN_AREA * TIME
+
+
+def left_of_deep_bed(**passage: float) -> float:
+    """What is left of the deep bed after TIME, in contact layers: more than one, so it was full."""
+    load = DEEP * RHO * CONTACT
+    left = DEEP * (1.0 - batch(plate(VELOCITY, rim=1.0, **passage), load, 1, [TIME])[0])
+    assert left > 1.0
+    return float(left)
+
+
 def test_damping_levels_off_with_depth() -> None:
     """dm/dt = -q/(1 + D m/(1 + c m)), m over the contact layer: m + D (m - log(1 + c m)/c)/c."""
-    damping, levelling, velocity = 0.9, 0.4, 0.05
-    config = plate(velocity, rim=1.0, damping=damping, levelling=levelling)
-    load, time = 6.0 * RHO * CONTACT, 1.5
-    left = load * (1.0 - batch(config, load, 1, [time])[0])
-    assert left > RHO * CONTACT
-    first, last = load / (RHO * CONTACT), left / (RHO * CONTACT)
-    held = math.log1p(levelling * first) - math.log1p(levelling * last)
-    share = damping * CONTACT / APERTURE * (first - last - held / levelling) / levelling
-    assert_allclose(CONTACT * (first - last + share), velocity * OPEN_AREA * time, rtol=1e-5)
+    damping, levelling = 0.9, 0.4
+    left = left_of_deep_bed(damping=damping, levelling=levelling)
+    held = math.log1p(levelling * DEEP) - math.log1p(levelling * left)
+    share = damping * CONTACT / APERTURE * (DEEP - left - held / levelling) / levelling
+    assert_allclose(CONTACT * (DEEP - left + share), UNHINDERED, rtol=1e-5)
     # without levelling the bed is damped more and less passes
-    assert batch(plate(velocity, rim=1.0, damping=damping), load, 1, [time])[0] < 1.0 - left / load
+    assert left_of_deep_bed(damping=damping) > left
 
 
 def test_a_thrown_bed_lies_loosely() -> None:
     """dm/dt = -q m/(m + rho_b l) while the contact layer is full: m + rho_b l log m falls evenly."""
-    lift, velocity = 1.6, 0.05
-    config = plate(velocity, rim=1.0, lift=lift)
-    load, time = 6.0 * RHO * CONTACT, 1.5
-    left = load * (1.0 - batch(config, load, 1, [time])[0])
-    assert left > RHO * CONTACT
-    fallen = (load - left) + RHO * lift * THROW * math.log(load / left)
-    assert_allclose(fallen, RHO * velocity * OPEN_AREA * time, rtol=1e-5)
+    lift = 1.6
+    left = left_of_deep_bed(lift=lift)
+    fallen = CONTACT * (DEEP - left) + lift * THROW * math.log(DEEP / left)
+    assert_allclose(fallen, UNHINDERED, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("lift", "calming"), [(0.5, 0.0), (2.0, 0.0), (2.0, 3.0)])
@@ -204,17 +219,13 @@ def test_a_thin_thrown_bed_passes_at_a_lower_rate(lift: float, calming: float, l
 
 def test_a_deep_bed_is_thrown_less() -> None:
     """dm/dt = -q/(1 + r l/(m (1 + c m))), m and l over the contact layer: m + l log of m/(1 + c m)."""
-    lift, calming, velocity = 4.0, 0.6, 0.05
-    config = plate(velocity, rim=1.0, lift=lift, calming=calming)
-    load, time = 6.0 * RHO * CONTACT, 1.5
-    left = load * (1.0 - batch(config, load, 1, [time])[0])
-    assert left > RHO * CONTACT
-    first, last = load / (RHO * CONTACT), left / (RHO * CONTACT)
-    share = math.log(first / (1.0 + calming * first)) - math.log(last / (1.0 + calming * last))
-    fallen = CONTACT * (first - last) + lift * THROW * share
-    assert_allclose(fallen, velocity * OPEN_AREA * time, rtol=1e-5)
+    lift, calming = 4.0, 0.6
+    left = left_of_deep_bed(lift=lift, calming=calming)
+    share = math.log(DEEP / (1.0 + calming * DEEP)) - math.log(left / (1.0 + calming * left))
+    fallen = CONTACT * (DEEP - left) + lift * THROW * share
+    assert_allclose(fallen, UNHINDERED, rtol=1e-5)
     # without calming more is thrown and less passes
-    assert batch(plate(velocity, rim=1.0, lift=lift), load, 1, [time])[0] < 1.0 - left / load
+    assert left_of_deep_bed(lift=lift) > left
 
 
 def test_the_deck_runs_short_under_a_deep_bed() -> None:

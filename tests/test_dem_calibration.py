@@ -125,7 +125,7 @@ def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
     """Within two standard errors in 56 of 72 segments; 50 without calming, depletion, rolling."""
     values, runs = numbers(plate), example.deck_runs()
     inside = {run.name: example.within(example.along(run, values)) for run in runs}
-    assert sum(inside.values()) >= 55
+    assert sum(inside.values()) >= 56
     assert min(inside.values()) >= 6
 
 

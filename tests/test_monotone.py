@@ -66,7 +66,8 @@ def test_recovery_is_monotone(law: str, model: str) -> None:
     on the finer ones keeps them at the deck; a sorted bed that gets deeper than the contact layer
     puts finer ones there.
     """
-    sorts_finer = law != "gaudin" and model in ("classified", "proportional")
+    sorts = model in ("classified", "proportional")
+    gained = {"pelevin": 5e-3, "bounce": 2e-2}.get(law, 0.0) if sorts else 0.0
 
     @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
     @given(screens(law, model))
@@ -77,7 +78,7 @@ def test_recovery_is_monotone(law: str, model: str) -> None:
             value = 1.0 if name.endswith("open_area") else config.value_of(name)
             table = solve_steady_many(config, {name: value * factors})
             total = table.recovery[:, finer] @ fed / fed.sum()
-            allowed = 2e-2 if sorts_finer and sign < 0.0 else 2.0 * TOLERANCE
+            allowed = max(2.0 * TOLERANCE, gained if sign < 0.0 else 0.0)
             assert (sign * np.diff(total) > -allowed).all(), (name, total)
             by_size = np.diff(table.recovery[:, finer], axis=1)
             assert (by_size < 2.0 * TOLERANCE).all(), (name, table.recovery)
