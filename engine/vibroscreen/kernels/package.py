@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 from vibroscreen.kernels.elementary import raised
-from vibroscreen.kernels.jit import inlined, kernel
+from vibroscreen.kernels.jit import folded, inlined, kernel
 from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
@@ -258,7 +258,7 @@ def give_to_part(buffer, rows, duration):
 
 
 # --- steps ---------------------------------------------------------------------------------------
-@kernel
+@folded
 def allowance(buffer, scene, book, h):
     """Error that a step of h may have, as a part of what was fed of a size.
 
@@ -276,7 +276,7 @@ def first_step(scene, duration):
     return min(duration, 0.25 / pace) if pace > 0.0 else duration
 
 
-@kernel
+@folded
 def time_to_pass(mass, rate, slope):
     """Time in which `mass` passes at a rate that changes linearly, s; -1 if it never does."""
     root = rate * rate + 2.0 * slope * mass
@@ -285,7 +285,7 @@ def time_to_pass(mass, rate, slope):
     return 2.0 * mass / (rate + sqrt(root))
 
 
-@kernel
+@folded
 def miss_of(buffer, layers, growth):
     """Part of a full layer by which a step may miss the moment of a kink."""
     if layers > 1 and growth < 0.0:
@@ -293,7 +293,7 @@ def miss_of(buffer, layers, growth):
     return LANDING
 
 
-@kernel
+@folded
 def mass_to_kink(buffer, scene, load, layers, growth):
     """Mass that the top layer loses or gains until the rates have a kink, kg/m2; 0: none ahead.
 
@@ -374,7 +374,7 @@ def settle_top(buffer, scene, layers, growth):
     return layers
 
 
-@kernel
+@folded
 def top_growth(buffer, layers):
     """What the top layer gains, kg/(m2 s), by the rates in K1."""
     return layer_mass(block_load(buffer, AT_STAGE, K1), layers - 1)
@@ -522,7 +522,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
     return layers, left
 
 
-@kernel
+@folded
 def has_kinks(buffer):
     """Whether the rates have a kink at every size or in every layer."""
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
@@ -538,7 +538,7 @@ def first_pair(buffer, book):
     return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
 
 
-@kernel
+@folded
 def choose_scheme(buffer, book, fastest, left):
     """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
 
@@ -566,7 +566,7 @@ def choose_scheme(buffer, book, fastest, left):
     return scheme, left / max(1.0, ceil(left / h - SLACK))
 
 
-@kernel
+@folded
 def step_factor(error, scheme):
     """Next step over this one, of which `error` is the estimate as a part of what is allowed.
 
@@ -583,7 +583,7 @@ def step_factor(error, scheme):
     return SAFETY / (root * sqrt(root))
 
 
-@kernel
+@folded
 def longest_step(scheme, h, fastest):
     """A step that may be a little longer than h, but for stability, s."""
     if scheme == STABILISED or fastest == 0.0:

@@ -41,6 +41,16 @@ SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loose
 _PER_VOLUME = SOLIDS * 6.0 / 3.141592653589793  # grains of size d in a volume: this over d^3
 
 
+@folded
+def stop_coarse(size, aperture, probability):
+    """Let no size pass that is not below the aperture; returns the number of sizes that are."""
+    passing = size.size
+    while passing > 0 and size[passing - 1] >= aperture:
+        passing -= 1
+        probability[passing] = 0.0
+    return passing
+
+
 @kernel
 def gaudin(size, fraction, scene, probability):
     """Gaudin: P = phi (1 - d/a)^2 for d < a, else 0 (paper, eq. 5)."""
@@ -68,15 +78,17 @@ def pelevin(size, fraction, scene, probability):
     beside = open_area * open_area / (aperture * aperture)
     s0, s1, s2 = 0.0, 0.0, 0.0
     j = 0
-    for i in range(size.size - 1, -1, -1):
+    passing = stop_coarse(size, aperture, probability)
+    for i in range(passing - 1, -1, -1):
         # The coarser the grain, the fewer fit beside it: the prefix grows as d_i falls.
-        while j < size.size and size[j] < aperture and size[j] + size[i] <= aperture:
+        d, free = size[i], aperture - size[i]
+        while j < passing and size[j] + d <= aperture:
             room = aperture - size[j]
+            moment = fraction[j] * room
             s0 += fraction[j]
-            s1 += fraction[j] * room
-            s2 += fraction[j] * room * room
+            s1 += moment
+            s2 += moment * room
             j += 1
-        d, free = size[i], max(0.0, aperture - size[i])
         shared = max(0.0, s2 - 2.0 * d * s1 + d * d * s0)
         probability[i] = alone * free * free + beside * shared
 
@@ -108,19 +120,22 @@ def bounce(size, fraction, scene, probability):
     short = scene[S_DEPLETION] * scene[S_BED_LOAD] / scene[S_DENSITY]
     short *= scene[S_PASSAGE_VELOCITY] * scene[S_OPEN_AREA] / held
     crowd = 0.0
-    for i in range(size.size):
-        guided = 1.0 - beyond * size[i] if size[i] < aperture else 0.0
-        probability[i] = 0.0
-        if guided > 0.0:
-            freed = guided * guided * guided
-            probability[i] = freed / (guided + carried * size[i] + short * freed)
-        room = max(size[i], 0.5 * aperture)
-        crowd += probability[i] * fraction[i] / (room * room * room)
+    passing = stop_coarse(size, aperture, probability)
+    for i in range(passing):
+        d = size[i]
+        guided = 1.0 - beyond * d
+        freed = guided * guided * guided
+        room = max(d, 0.5 * aperture)
+        space = room * room * room
+        slow = space * (guided + carried * d + short * freed)
+        easy = freed / slow if guided > 0.0 else 0.0
+        crowd += easy * fraction[i]
+        probability[i] = space * easy
     tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])
     taken = scene[S_PASSING_TIME] * aperture / (fall * stirred) * aperture * aperture
     busy = taken * tries * _PER_VOLUME * crowd if tries > 0.0 else 0.0
     scale = scene[S_OPEN_AREA] / (held * (1.0 + busy))
-    for i in range(size.size):
+    for i in range(passing):
         probability[i] *= scale
 
 

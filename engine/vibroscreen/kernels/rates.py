@@ -513,50 +513,57 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     for i in range(nodes):
         weight[i] = max(0.0, weight[i]) * pace * contact[i]
+    for i in range(nodes):
         passing[i] = weight[i] * load[0, i]
-        change[0, i] = -passing[i]
     lost = vector_sum(passing)
     full = scene[S_CONTACT_LOAD]
     settling = lost / scene[S_LAYER_FULL]
+    # What goes down through the lower face of a layer; loops of few arrays are fast.
+    flux = active_column(buffer, AT_SCRATCH)
     for j in range(1, layers):
         if j < layers - 1 or (not falling and top > THIN * scene[S_LAYER_FULL]):
             upward = weighted_mass(lower, j, percolation, j) / full
             refill = settling if j < layers - 1 else lost / top
             for i in range(nodes):
-                flux = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
-                change[j, i] = -flux
-                change[j - 1, i] += flux
+                flux[j, i] = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
         elif falling:
             share = block_share(buffer, at_state, state, layers)
             share_change = block_share(buffer, at_rate, rate, layers)
             upward = weighted_mass(share, 0, percolation, j) / full
             for i in range(nodes):
-                moved = percolation[j, i] * share[0, i] - upward * upper[j - 1, i]
-                flux = top * moved + lost * share[0, i]
-                share_change[0, i] = -moved
-                change[j, i] = -flux
-                change[j - 1, i] += flux
+                share_change[0, i] = upward * upper[j - 1, i] - percolation[j, i] * share[0, i]
+            for i in range(nodes):
+                flux[j, i] = lost * share[0, i] - top * share_change[0, i]
         else:
             share = block_share(buffer, AT_STAGE, NOW, layers)
             upward = weighted_mass(lower, j, percolation, j) / full
             for i in range(nodes):
-                flux = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i]
-                flux += lost * share[0, i]
-                change[j, i] = -flux
-                change[j - 1, i] += flux
+                flux[j, i] = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i]
+            for i in range(nodes):
+                flux[j, i] += lost * share[0, i]
         full = scene[S_LAYER_FULL]
+    for i in range(nodes):
+        change[0, i] = -passing[i]
+    if layers > 1:
+        for i in range(nodes):
+            change[0, i] += flux[1, i]
+        for j in range(1, layers - 1):
+            for i in range(nodes):
+                change[j, i] = flux[j + 1, i] - flux[j, i]
+        for i in range(nodes):
+            change[layers - 1, i] = -flux[layers - 1, i]
     land(buffer, change, layers - 1, moment)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
     return lost
 
 
-@kernel
+@folded
 def follows_share(buffer, layers):
     """Whether the composition of the top layer is followed beside its masses."""
     return layers > 1 and buffer[N_SOURCE] == 0.0
 
 
-@kernel
+@folded
 def rows_followed(buffer, layers):
     """Length of the part of a block that a scheme advances."""
     return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[N_ACTIVE])
@@ -592,7 +599,7 @@ def vector_sum(values):
     return (a + b) + (c + d)
 
 
-@kernel
+@folded
 def keep_top_share(buffer, layers):
     """Composition of the top layer at the start of a step."""
     share = block_share(buffer, AT_STAGE, NOW, layers)
@@ -606,7 +613,7 @@ def keep_top_share(buffer, layers):
         share[0, i] = scale * load[row, i]
 
 
-@kernel
+@folded
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     nodes = int(buffer[N_ACTIVE])
@@ -670,7 +677,7 @@ def mean_landing(source, i, terms, h, moment):
     return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
 
 
-@kernel
+@folded
 def worst_of(error, weight):
     """Largest product of two vectors, not below 0; four side by side, as in `vector_sum`."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -685,7 +692,7 @@ def worst_of(error, weight):
     return max(max(a, b), max(c, d))
 
 
-@kernel
+@folded
 def largest_of(values, row):
     """Largest number of a row of a matrix, not below 0."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0

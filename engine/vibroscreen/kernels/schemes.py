@@ -205,7 +205,7 @@ def worst_error(buffer, layers):
     return worst_of(error, weight)
 
 
-@kernel
+@folded
 def integrate_stages(buffer, h, size):
     """Add the time integral of a step of the pair, from its stages."""
     y, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
@@ -217,7 +217,7 @@ def integrate_stages(buffer, h, size):
         total[i] += h * y[i] + (g1 * k1[i] + g2 * k2[i] + g3 * k3[i] + g4 * k4[i] + g5 * k5[i])
 
 
-@kernel
+@folded
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -244,7 +244,7 @@ def pair_step(buffer, scene, layers, h, moment):
 
 
 # --- the chain of order 3 ------------------------------------------------------------------------
-@kernel
+@folded
 def chain_stage(buffer, last, h_last, h_first, size):
     """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -257,7 +257,7 @@ def chain_stage(buffer, last, h_last, h_first, size):
             out[i] = y[i] + (h_last * k[i] + h_first * k1[i])
 
 
-@kernel
+@folded
 def chain_end(buffer, stage, h, row, size):
     """Solution of the chain from the rates of its last three stages, into STAGED."""
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -375,7 +375,7 @@ def swap_blocks(buffer, one, two, size):
         b[i] = kept
 
 
-@kernel
+@folded
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -386,7 +386,7 @@ def third_order_error(buffer, h, layers):
     return worst_error(buffer, layers)
 
 
-@kernel
+@folded
 def integrate_ends(buffer, h, size):
     """Add the time integral of a step of the chain or the stabilised scheme (Hermite)."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -488,7 +488,7 @@ def land_in_step(buffer, layers, h, t, scheme):
         staged[i] = out[i]
 
 
-@kernel
+@folded
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
     size = (layers + 1) * int(buffer[N_ACTIVE])
