@@ -188,11 +188,11 @@ def left_of_deep_bed(**passage: float) -> float:
 
 
 def test_damping_levels_off_with_depth() -> None:
-    """dm/dt = -q/(1 + D m/(1 + c m)), m over the contact layer: m + D (m - log(1 + c m)/c)/c."""
+    """dm/dt = -q/(1 + D m/s), s = sqrt(1 + (c m)^2), m over the contact layer: m + D s/c^2."""
     damping, levelling = 0.9, 0.4
     left = left_of_deep_bed(damping=damping, levelling=levelling)
-    held = math.log1p(levelling * DEEP) - math.log1p(levelling * left)
-    share = damping * CONTACT / APERTURE * (DEEP - left - held / levelling) / levelling
+    held = math.hypot(1.0, levelling * DEEP) - math.hypot(1.0, levelling * left)
+    share = damping * CONTACT / APERTURE * held / levelling**2
     assert_allclose(CONTACT * (DEEP - left + share), UNHINDERED, rtol=1e-5)
     # without levelling the bed is damped more and less passes
     assert left_of_deep_bed(damping=damping) > left
@@ -314,10 +314,11 @@ def test_a_mixed_deck_against_scipy() -> None:
 
     def change(_: float, load: np.ndarray) -> np.ndarray:
         depth = load.sum() / RHO
-        held = 1.0 + damping / less * depth / (1.0 + levelling * depth / CONTACT) / APERTURE
+        shaken = depth / math.hypot(1.0, levelling * depth / CONTACT)
+        held = 1.0 + damping / less * shaken / APERTURE
         bed = max(depth, CONTACT)
         held *= 1.0 + lift * THROW / (1.0 + calming * bed / CONTACT) / bed
-        short = depletion * u * OPEN_AREA * chance * depth / (held * SWING * APERTURE)
+        short = depletion * u * OPEN_AREA * chance * shaken / (held * SWING * APERTURE)
         lying = load / load.sum() * min(1.0, load.sum() / (RHO * CONTACT))
         tried = RHO * u * OPEN_AREA * chance * lying / (held * (1.0 + short))  # kg/(m2 s), alone
         grain = RHO / SOLIDS * math.pi / 6.0 * np.maximum(SIZES, 0.5 * APERTURE) ** 3

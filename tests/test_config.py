@@ -114,6 +114,8 @@ TOLD = {
     "passage.stirring",
     "passage.velocity_table",
     "segregation.closure",
+    "segregation.mixing_m_s",
+    "segregation.relative_dilation",
     "solver.packages",
 }
 EDGES = "[size_classes]\nedges_mm = [0, 4, 16, 63]\n"

@@ -508,6 +508,16 @@ def factor_of(screen: Screen, deck: int, number: int, factor: float) -> None:
     screen.view("panel")[deck, number, lay.VELOCITY_FACTOR] = factor
 
 
+@pytest.mark.parametrize("model", ["rigid_body", "bed"])
+def test_a_velocity_factor_is_on_what_the_model_gives(model: str) -> None:
+    plain_deck, slow = (
+        Screen(screen_of((panel(factor=f),), displacement=Displacement(model))).solve_steady()
+        for f in (1.0, 0.5)
+    )
+    assert plain_deck.transport_velocity > 0.0
+    assert slow.transport_velocity == 0.5 * plain_deck.transport_velocity
+
+
 def test_one_panel_that_does_not_convey_stops_its_deck() -> None:
     """No alarm: the velocity is 0 as prescribed, not against the slope (DESIGN.md, Displacement)."""
     screen = Screen(screen_of(BANANA, plain(0.0125), solver=Solver(1e-3)))

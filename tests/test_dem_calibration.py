@@ -86,7 +86,7 @@ def numbers(plate: ScreenConfig) -> dict[str, float]:
     names = ("velocity", "rim", "drift", "passing_time", *held)
     values = {f"passage.{name}": getattr(plate.passage, name) for name in names}
     values["segregation.velocity"] = plate.segregation.velocity
-    values["segregation.dilation"] = plate.segregation.dilation
+    values["segregation.relative_dilation"] = plate.segregation.relative_dilation
     return values
 
 
@@ -96,7 +96,7 @@ def rmse(errors: list[np.ndarray]) -> float:
 
 
 def test_the_plate_meets_the_decks(plate: ScreenConfig) -> None:
-    assert rmse([deck_error(plate, name) for name in DECKS]) <= 0.025
+    assert rmse([deck_error(plate, name) for name in DECKS]) <= 0.022
 
 
 def test_the_plate_meets_the_batches(plate: ScreenConfig) -> None:
@@ -122,11 +122,11 @@ def test_what_the_plate_says_of_a_bed_that_is_thrown(plate: ScreenConfig) -> Non
 
 
 def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
-    """Within two standard errors in 56 of 72 segments; 50 without calming, depletion, rolling."""
+    """Within two standard errors in 65 of 72 segments; a cubic for each deck has 67."""
     values, runs = numbers(plate), example.deck_runs()
     inside = {run.name: example.within(example.along(run, values)) for run in runs}
-    assert sum(inside.values()) >= 56
-    assert min(inside.values()) >= 6
+    assert sum(inside.values()) >= 64
+    assert min(inside.values()) >= 8
 
 
 def test_classes_of_the_plate_have_the_spheres_as_means(plate: ScreenConfig) -> None:

@@ -112,6 +112,8 @@ TUNABLE = {
     "passage.levelling": ("1", None),
     "segregation.velocity": ("m/s", None),
     "segregation.dilation": ("m", "mm"),
+    "segregation.relative_dilation": ("1", None),
+    "segregation.mixing": ("m/s", None),
     "segregation.proportion": ("1", None),
 }
 FIXED = {

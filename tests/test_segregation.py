@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from vibroscreen import Feed, InputError, Screen, ScreenConfig, packing_gap
 from vibroscreen.config import (
@@ -106,6 +107,34 @@ def test_exchange_flux_by_hand() -> None:
     assert rate[2, 0] * load[2, 0] == pytest.approx(expected, rel=1e-6)
 
 
+def test_dilation_may_be_a_part_of_the_mean_grain() -> None:
+    """0.1 of the mean size, 5.5 mm in the middle and 7.75 mm on top, beside what is a length."""
+    size = np.array([0.001, 0.010])
+    load = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
+    common = {"density": 1600.0, "contact_load": 32.0, "layer_full": 16.0}
+
+    def rates(**dilation: float) -> np.ndarray:
+        contact, rate = np.zeros(2), np.zeros((3, 2))
+        scene = scene_of(**common, segregation_velocity=0.1, **dilation)
+        exchange(size, load, 3, scene, contact, rate)
+        return rate
+
+    both = rates(dilation=0.0002, relative_dilation=0.1)
+    assert both[1] == pytest.approx(rates(dilation=0.0002 + 0.00055)[1], rel=1e-12)
+    assert both[2] == pytest.approx(rates(dilation=0.0002 + 0.000775)[2], rel=1e-12)
+
+
+def test_mixing_moves_all_sizes_alike() -> None:
+    """rho_b w_m F fill: of 20 kg/m2 over a contact layer of fill 0.75, of 8 kg/m2 of fill 0.5."""
+    size = np.array([0.001, 0.010])
+    load = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
+    scene = scene_of(density=1600.0, contact_load=32.0, layer_full=16.0, mixing=0.01)
+    contact, rate = np.zeros(2), np.zeros((3, 2))
+    exchange(size, load, 3, scene, contact, rate)
+    assert rate[1] * load[1] == pytest.approx([16.0 * 0.5 * 0.75] * 2, rel=1e-12)
+    assert rate[2] * load[2] == pytest.approx([16.0 * 0.25 * 0.5, 16.0 * 0.75 * 0.5], rel=1e-12)
+
+
 def test_contact_of_the_other_models_by_hand() -> None:
     # bed of 2, 3, 15 kg/m2, contact layer 4 kg/m2: the finest 4 are 2 and 2 of the 3
     size, load = np.array([0.001, 0.002, 0.003]), np.array([[2.0, 3.0, 15.0]])
@@ -200,6 +229,38 @@ def test_first_exchange_by_hand() -> None:
     gain = (result.load[:, 0, 0] - result.load[0, 0, 0])[1:] / time[1:]
     # extrapolate the secant to zero time
     assert 2.0 * gain[0] - gain[1] == pytest.approx(0.5 * down, rel=1e-4)
+
+
+def test_mixing_holds_percolation_in_balance() -> None:
+    """Two full layers, x of fines above and 1 - x below; coarse grains do not fit the gaps.
+
+    Fines go down at w p + w_m, all that goes down is w p x + w_m and comes back with 1 - x of fines:
+    (w p + w_m) x = (w p x + w_m) (1 - x).
+    """
+    velocity, mixing = 0.5, 0.03
+
+    def balance(x: float) -> float:
+        radius = 0.5 * (2.0 * x + 12.0 * (1.0 - x))
+        gap = (2.0 / math.sqrt(3.0) - 1.0) * radius + 2.0 / math.sqrt(3.0)
+        phi = math.pi / math.sqrt(3.0) * (gap / (radius + 1.0)) ** 2
+        falls = velocity * phi * (1.0 - 1.0 / gap) ** 2
+        return (falls + mixing) * x - (falls * x + mixing) * (1.0 - x)
+
+    above = brentq(balance, 1e-6, 0.5)
+    assert 0.05 < above < 0.45
+    config = plate(segregation=Segregation("exchange", velocity, 0.001, mixing=mixing))
+    load = profile_of(config, Feed(1600.0 * 0.02 * 2.0 * 0.3, (0.5, 0.5)))[-1]
+    assert load[1, 0] / load[1].sum() == pytest.approx(above, rel=1e-5)
+    assert load.sum(axis=0) == pytest.approx([16.0, 16.0], rel=1e-12)
+
+
+def test_fast_mixing_is_well_mixed() -> None:
+    """Reduction: w_m -> inf."""
+    changes = {"passage": Passage("gaudin", velocity=0.05), "solver": Solver(1e-5)}
+    fast = Segregation("exchange", 0.02, 0.001, mixing=100.0)
+    mixed = Screen(plate(segregation=fast, **changes)).solve_steady(DEEP)
+    limit = Screen(plate(segregation=Segregation("well_mixed"), **changes)).solve_steady(DEEP)
+    assert mixed.recovery == pytest.approx(limit.recovery, abs=1e-3)
 
 
 def test_fast_exchange_sorts_like_classified() -> None:

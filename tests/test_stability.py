@@ -101,6 +101,7 @@ def configs(draw: st.DrawFn) -> ScreenConfig:
         model=draw(st.sampled_from(MODELS)),
         w=draw(power(1e-9, 100.0)),
         dilation=draw(power(1e-6, 1.0)),
+        mixing=draw(st.sampled_from((0.0, 0.0, 1e-3, 0.1, 100.0))),
         bed=bed,
         velocity=draw(st.sampled_from((0.3, 0.05, 20.0))),
         tolerance=draw(st.sampled_from((1e-2, 1e-3, 1e-4))),

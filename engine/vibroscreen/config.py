@@ -271,7 +271,7 @@ class Panel:
 
     length [m]; inclination [rad], down-slope positive; aperture: clear opening [m]; open_area:
     useful open area fraction [1], 0 for a blank plate; velocity_factor: on the velocity of
-    `prescribed` [1].
+    the bed that the displacement model gives [1].
     """
 
     length: float = field(default=6.0, metadata=number("length_m", "m", above=0.0, at_most=100.0))
@@ -432,8 +432,10 @@ class Segregation:
 
     velocity: of percolation [m/s]; dilation: extra distance between grains by shaking [m];
     proportion: share of the sorted composition, used by `proportional` [1]. closure: "none", or
-    "vibration" for a velocity that follows from the vibration; `velocity` is then that of a loose
-    bed (MODEL.md, "Closures in the vibration").
+    "vibration" for velocities that follow from the vibration; `velocity` and `mixing` are then
+    those of a loose bed (MODEL.md, "Closures in the vibration"). Of `exchange` too:
+    relative_dilation: extra distance over the mean grain size of a layer, adds to the dilation [1];
+    mixing: velocity at which layers exchange grains whatever their size [m/s].
     """
 
     model: str = field(
@@ -447,6 +449,12 @@ class Segregation:
     )
     proportion: float = field(default=0.5, metadata=number("proportion", at_least=0.0, at_most=1.0))
     closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
+    relative_dilation: float = field(
+        default=0.0, metadata=number("relative_dilation", at_least=0.0, at_most=10.0)
+    )
+    mixing: float = field(
+        default=0.0, metadata=number("mixing_m_s", "m/s", at_least=0.0, at_most=100.0)
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "segregation")

@@ -95,6 +95,12 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
         "m",
         "were millimetres meant? give metres",
     ),
+    ("parameter", "segregation_relative_dilation"): (
+        "segregation.relative_dilation",
+        "",
+        "give a part of the mean grain size",
+    ),
+    ("parameter", "segregation_mixing"): ("segregation.mixing", "m/s", "0 only sorts"),
     ("parameter", "segregation_proportion"): ("segregation.proportion", "", "give a part of one"),
     ("parameter", "displacement_model"): ("displacement.model", "", ""),
     ("parameter", "contact_depth"): ("bed.contact_depth", "m", ""),
@@ -475,6 +481,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         "segregation_model": registry.model("segregation", config.segregation.model).number,
         "segregation_velocity": config.segregation.velocity,
         "segregation_dilation": config.segregation.dilation,
+        "segregation_relative_dilation": config.segregation.relative_dilation,
+        "segregation_mixing": config.segregation.mixing,
         "segregation_proportion": config.segregation.proportion,
         "displacement_model": registry.model("displacement", config.displacement.model).number,
         "contact_depth": config.bed.contact_depth,
@@ -622,7 +630,7 @@ def no_conveying(layout: Layout, buffer: Array) -> InputError:
             "displacement.velocity",
         )
     moves = frequency > 0.0 and (amplitude != 0.0 or layout.view(buffer, "harmonic").any())
-    if model == PRESCRIBED and moves:
+    if moves:
         panels = layout.view(buffer, "panel")
         for d, count in enumerate(layout.view(buffer, "panel_count").astype(int).tolist()):
             factors = panels[d, :count, lay.VELOCITY_FACTOR]

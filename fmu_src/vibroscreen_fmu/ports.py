@@ -130,7 +130,8 @@ _PARAMETERS = {
         _TUNABLE,
     ),
     "passage_levelling": _Meaning(
-        "How damping levels off with the depth of the bed, used by the passage law bounce", _TUNABLE
+        "Contact depth over the most that the deck shakes of a bed, used by the passage law bounce",
+        _TUNABLE,
     ),
     "segregation_model": _Meaning("How fine grains find their way down through the bed"),
     "segregation_velocity": _Meaning(
@@ -138,6 +139,12 @@ _PARAMETERS = {
     ),
     "segregation_dilation": _Meaning(
         "Extra distance between grains by shaking; opens the gaps for fine grains", _TUNABLE
+    ),
+    "segregation_relative_dilation": _Meaning(
+        "Extra distance between grains by shaking, over their mean size", _TUNABLE
+    ),
+    "segregation_mixing": _Meaning(
+        "Velocity at which layers exchange grains whatever their size", _TUNABLE
     ),
     "segregation_proportion": _Meaning(
         "Sorted share of the bed, used by the segregation model proportional", _TUNABLE
@@ -163,7 +170,7 @@ _PANELS = {
         "Useful openings over the area of the panel; less when they blind", _TUNABLE
     ),
     "velocity_factor": _Meaning(
-        "Factor on the velocity of the bed, used by the displacement model prescribed", _TUNABLE
+        "Factor on the velocity of the bed that the displacement model gives", _TUNABLE
     ),
 }
 _INPUTS = {

@@ -38,6 +38,7 @@ from vibroscreen.kernels.layout import (
     PASSAGE_VELOCITY,
     SEGREGATION_DILATION,
     SEGREGATION_MODEL,
+    SEGREGATION_RELATIVE_DILATION,
     SEGREGATION_VELOCITY,
     SUBDIVISION,
     TOLERANCE,
@@ -129,8 +130,10 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     if model == EXCHANGE:
         tolerance *= NODE_SHARE
         dilation = parameter[SEGREGATION_DILATION]
-        finest = 2.0 * gap_radius(0.25 * (edge[0] + edge[1]), dilation)
-        coarsest = 2.0 * gap_radius(0.5 * edge[edge.size - 1], dilation)
+        relative = parameter[SEGREGATION_RELATIVE_DILATION]
+        small, large = 0.5 * (edge[0] + edge[1]), edge[edge.size - 1]
+        finest = 2.0 * gap_radius(0.5 * small, dilation + relative * small)
+        coarsest = 2.0 * gap_radius(0.5 * large, dilation + relative * large)
         if low >= coarsest:
             return 2
         least = 2

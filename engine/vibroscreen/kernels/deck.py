@@ -91,6 +91,7 @@ from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
     S_DENSITY,
     S_LAYER_LOAD,
+    S_MIXING,
     S_PASSAGE_VELOCITY,
     S_SEGREGATION_VELOCITY,
     SWITCH,
@@ -452,7 +453,7 @@ def idle(buffer, deck, index, row):
             if landing[i] != 0.0:
                 return False
     scene = package_scene(buffer, deck, index)
-    if scene[S_PASSAGE_VELOCITY] == 0.0 and scene[S_SEGREGATION_VELOCITY] == 0.0:
+    if scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY] + scene[S_MIXING] == 0.0:
         return not conveys(buffer, deck)
     used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
     return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) == 0.0

@@ -97,11 +97,11 @@ def pelevin(size, fraction, scene, probability):
 def bounce(size, fraction, scene, probability):
     """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
 
-    P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed,
-    E = (1 + lift/((1 + calming H_c/h_c) H_c)) (1 + damping H/(S a (1 + levelling H/h_c))),
-    H_c = max(H, h_c),
+    P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed, H_c = max(H, h_c),
+    H_b = H/sqrt(1 + (levelling H/h_c)^2), what the deck shakes of it,
+    E = (1 + lift/((1 + calming H_c/h_c) H_c)) (1 + damping H_b/(S a)),
     G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
-    S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H/(E V a). B = the time for which an
+    S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H_b/(E V a). B = the time for which an
     opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
     ones as fill it, times their number a second.
     """
@@ -111,13 +111,13 @@ def bounce(size, fraction, scene, probability):
     carried = scene[S_DRIFT] * ride / aperture
     beyond = (1.0 - scene[S_RIM]) / aperture
     stirred = 1.0 + scene[S_STIRRING] * ride
-    level = 1.0 + scene[S_LEVELLING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
-    damping = scene[S_DAMPING] * scene[S_BED_LOAD] / level
-    held = 1.0 + damping / (stirred * scene[S_DENSITY] * aperture)
+    level = scene[S_LEVELLING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
+    shaken = scene[S_BED_LOAD] / sqrt(1.0 + level * level)
+    held = 1.0 + scene[S_DAMPING] * shaken / (stirred * scene[S_DENSITY] * aperture)
     bed = max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
     calm = 1.0 + scene[S_CALMING] * bed / scene[S_CONTACT_LOAD]
     held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / (calm * bed)
-    short = scene[S_DEPLETION] * scene[S_BED_LOAD] / scene[S_DENSITY]
+    short = scene[S_DEPLETION] * shaken / scene[S_DENSITY]
     short *= scene[S_PASSAGE_VELOCITY] * scene[S_OPEN_AREA] / held
     crowd = 0.0
     passing = stop_coarse(size, aperture, probability)

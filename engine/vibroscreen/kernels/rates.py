@@ -52,6 +52,7 @@ from vibroscreen.kernels.layout import (
     S_LAYER_LOAD,
     S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
+    S_RELATIVE_DILATION,
     SEGREGATION_ADDRESS,
     SEGREGATION_MODEL,
     SWITCH,
@@ -151,7 +152,9 @@ def first_coarse(buffer, scene, load, layers):
         return nodes
     closed = scene[S_APERTURE]
     if buffer[LAYERED] > 0.0:
-        closed = max(closed, 2.0 * gap_radius(0.5 * size[nodes - 1], scene[S_DILATION]))
+        coarsest = size[nodes - 1]
+        apart = scene[S_DILATION] + scene[S_RELATIVE_DILATION] * coarsest
+        closed = max(closed, 2.0 * gap_radius(0.5 * coarsest, apart))
     first = nodes
     while first > 0 and size[first - 1] >= closed:
         first -= 1

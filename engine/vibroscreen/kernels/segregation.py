@@ -21,7 +21,9 @@ from vibroscreen.kernels.layout import (
     S_DENSITY,
     S_DILATION,
     S_LAYER_FULL,
+    S_MIXING,
     S_PROPORTION,
+    S_RELATIVE_DILATION,
     S_SEGREGATION_VELOCITY,
 )
 
@@ -148,26 +150,30 @@ def proportional(size, load, layers, scene, contact, percolation):
 def exchange(size, load, layers, scene, contact, percolation):
     """Grains fall through the gaps of the layer below their own (the paper's improved separation).
 
-    Layer j gives rho_b w phi_j (1 - d_i/(2 r_j))^2 F_ji min(1, fill_j, fill_j-1) to the layer
-    below, r_j and phi_j from its own mean grain radius and the dilation.
+    Layer j gives rho_b (w phi_j (1 - d_i/(2 r_j))^2 + mixing) F_ji min(1, fill_j, fill_j-1) to the
+    layer below, r_j and phi_j from its own mean grain radius and the dilation.
     """
     mass = layer_mass(load, 0)
     mix_contact(mass, contact)
     pace = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY]
-    dilation = scene[S_DILATION]
+    stirring = scene[S_DENSITY] * scene[S_MIXING]
+    dilation, relative = scene[S_DILATION], scene[S_RELATIVE_DILATION]
     whole = 1.0 / scene[S_LAYER_FULL]
     fill_below = mass / scene[S_CONTACT_LOAD]
     for j in range(1, layers):
         mass, moment = mass_and_moment(load, j, size)
         fill = mass * whole
         # Times the mass of the layer: 2 r_j and, as phi_j = min(1, (opening/solid)^2), `solid`.
-        opening = gap_radius(moment, 2.0 * dilation * mass)
-        solid = _SOLID_FACTOR * (moment + 2.0 * dilation * mass)
+        apart = 2.0 * (dilation * mass + relative * moment)
+        opening = gap_radius(moment, apart)
+        solid = _SOLID_FACTOR * (moment + apart)
         square = mass * max(opening * opening, solid * solid)
-        rate = pace * min(1.0, fill, fill_below) / square if square > NOTHING else 0.0
+        held = min(1.0, fill, fill_below)
+        rate = pace * held / square if square > NOTHING else 0.0
+        alike = stirring * held / mass if mass > NOTHING else 0.0
         for i in range(size.size):
             free = max(0.0, opening - mass * size[i])
-            percolation[j, i] = rate * free * free
+            percolation[j, i] = rate * free * free + alike
         fill_below = fill
 
 

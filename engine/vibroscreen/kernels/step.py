@@ -184,10 +184,12 @@ from vibroscreen.kernels.layout import (
     S_LEVELLING,
     S_LIFT,
     S_LOOSENING,
+    S_MIXING,
     S_OPEN_AREA,
     S_PASSAGE_VELOCITY,
     S_PASSING_TIME,
     S_PROPORTION,
+    S_RELATIVE_DILATION,
     S_RIM,
     S_SEGREGATION_VELOCITY,
     S_STIRRING,
@@ -197,8 +199,10 @@ from vibroscreen.kernels.layout import (
     S_TRANSPORT_VELOCITY,
     SEGREGATION_ADDRESS,
     SEGREGATION_DILATION,
+    SEGREGATION_MIXING,
     SEGREGATION_MODEL,
     SEGREGATION_PROPORTION,
+    SEGREGATION_RELATIVE_DILATION,
     SEGREGATION_VELOCITY,
     SWITCH,
     THROW_ANGLE,
@@ -265,6 +269,8 @@ PARAMETER_LIMITS = (
     (PASSAGE_LEVELLING, 0.0, 100.0),
     (SEGREGATION_VELOCITY, 0.0, 100.0),
     (SEGREGATION_DILATION, 0.0, 1.0),
+    (SEGREGATION_RELATIVE_DILATION, 0.0, 10.0),
+    (SEGREGATION_MIXING, 0.0, 100.0),
     (SEGREGATION_PROPORTION, 0.0, 1.0),
 )
 PANEL_LIMITS = (
@@ -446,8 +452,10 @@ def solve_displacement(buffer, deck, number):
         prescribed(harmonic, drive, result, work)
     elif model == RIGID_BODY:
         rigid_body(harmonic, drive, result, work)
+        result[0] *= panel[VELOCITY_FACTOR]
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
+        result[0] *= panel[VELOCITY_FACTOR]
     else:
         call_displacement(int(buffer[DISPLACEMENT_ADDRESS]), harmonic, drive, result, work)
 
@@ -537,8 +545,9 @@ def close_scene(buffer, deck, number, scene):
         scene[S_LOOSENING] = passage_factor(harmonic, frequency, panel[APERTURE])
         scene[S_PASSAGE_VELOCITY] *= scene[S_LOOSENING]
     if closure[OF_SEGREGATION] > 0.0:
-        depth = parameter[CONTACT_DEPTH]
-        scene[S_SEGREGATION_VELOCITY] *= percolation_factor(harmonic, frequency, depth)
+        loose = percolation_factor(harmonic, frequency, parameter[CONTACT_DEPTH])
+        scene[S_SEGREGATION_VELOCITY] *= loose
+        scene[S_MIXING] *= loose
 
 
 @inlined
@@ -554,12 +563,14 @@ def set_scene(buffer, deck, number, scene):
     factor = vector(buffer, AT_PASSAGE_FACTOR, int(buffer[N_PANELS]), deck)[number]
     scene[S_PASSAGE_VELOCITY] = alive * parameter[PASSAGE_VELOCITY] * factor
     scene[S_SEGREGATION_VELOCITY] = alive * parameter[SEGREGATION_VELOCITY]
+    scene[S_MIXING] = alive * parameter[SEGREGATION_MIXING]
     close_scene(buffer, deck, number, scene)
     scene[S_RIM], scene[S_PASSING_TIME] = parameter[PASSAGE_RIM], parameter[PASSAGE_PASSING_TIME]
     scene[S_DRIFT], scene[S_DAMPING] = parameter[PASSAGE_DRIFT], parameter[PASSAGE_DAMPING]
     scene[S_STIRRING], scene[S_CALMING] = parameter[PASSAGE_STIRRING], parameter[PASSAGE_CALMING]
     scene[S_LEVELLING] = parameter[PASSAGE_LEVELLING]
     scene[S_DILATION] = parameter[SEGREGATION_DILATION]
+    scene[S_RELATIVE_DILATION] = parameter[SEGREGATION_RELATIVE_DILATION]
     scene[S_PROPORTION] = parameter[SEGREGATION_PROPORTION]
     scene[S_APERTURE], scene[S_OPEN_AREA] = panel[APERTURE], panel[OPEN_AREA]
     scene[S_FREQUENCY], scene[S_AMPLITUDE] = inputs[FREQUENCY], inputs[AMPLITUDE]
@@ -998,6 +1009,7 @@ def at_rest(buffer):
         for number in range(panel_count(buffer, deck)):
             scene = scene_vector(buffer, AT_SCENE, deck, number)
             alive += scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY]
+            alive += scene[S_MIXING]
             alive += scene[S_TRANSPORT_VELOCITY]
     return alive == 0.0
 
