@@ -719,8 +719,8 @@ leaves a miss of {missed / MM:.1f} mm (RMS of 60 segments) with l_0 = {lift:.2f}
 {calming:.2f}, linear and circular motion alike. Taken are {LIFT:g} and {CALMING:g}.
 
 The velocity is {PERFORATED:g} of that of the model `bed` with rolling {ROLLING:g} and the friction
-of the simulations, {FRICTION:g}: [Bed velocity](#bed-velocity). Neither is a number of the fit; with
-rolling 0.35, which the velocities would have, 58 segments are met, with 0.45 63.
+of the simulations, {FRICTION:g}: [Bed velocity](#bed-velocity). Neither is a number of the fit.
+With rolling 0.35, which the velocities would have, 58 segments are met, with 0.45 63.
 
 How the bed sorts: the layers above the contact layer are {LAYER / MM:g} mm deep, gaps follow the
 grains (`relative_dilation`), and layers mix a little (`mixing`, by the growth of the height gaps
