@@ -683,7 +683,7 @@ are RMSE over the sizes below the aperture.
 {over(errors["fitted"], JUDGED):.4f} on B0, Bh, I10, NEAR and CP** (target 0.05), B15
 {at(errors, "B15", "fitted"):.4f}, batches {over(errors["fitted"], batches):.4f}. **Each case left
 out in turn: {over(errors["left out"], JUDGED):.4f} on the five decks**, batches
-{over(errors["left out"], batches):.4f}. The velocity of the bed is that of the model `bed`. It is
+{over(errors["left out"], batches):.4f}. The velocity of the bed is the model's. It is
 `plant_examples/screens/dem_plate.toml`.
 
 With the constants of the batches, nothing refitted, and the velocities of the simulation: RMSE

@@ -63,9 +63,10 @@ THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
 # Kinks that move through the classes while a slice rides: the gap of `exchange`, the coarsest
 # sorted grain of `proportional` and `classified`. Error with n nodes on a piece of width w (of the
 # gap, of the aperture), over feeds and K from 1 to 50, class factors 1.15 to 4:
-#     exchange     50 V (w/n)^4 at a percolation velocity V m/s, from 0.1 m/s up
+#     exchange     50 V (w/n)^4 at a percolation velocity V m/s, from 0.1 m/s up; where nothing of
+#                  the piece passes, so that it acts by the gaps that it makes, 20 V (w/n)^4
 #     sorted       0.1 (w/n)^2 the median, 1 (w/n)^2 the worst
-GAP_KINK, LEAST_KINK_VELOCITY = 50.0, 0.1
+GAP_KINK, CLOSED_KINK, LEAST_KINK_VELOCITY = 50.0, 20.0, 0.1
 SORTED_KINK = 0.1
 
 _PI = 3.141592653589793
@@ -139,7 +140,8 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
         least = 2
         if high <= finest:
             return max(least, piece_nodes(low, high, finest, strength[1], tolerance))
-        coefficient = GAP_KINK * max(LEAST_KINK_VELOCITY, parameter[SEGREGATION_VELOCITY])
+        kink = GAP_KINK if low < aperture else CLOSED_KINK
+        coefficient = kink * max(LEAST_KINK_VELOCITY, parameter[SEGREGATION_VELOCITY])
         scale, power = high, 0.25
     elif model == CLASSIFIED or model == PROPORTIONAL:
         if low < aperture:
