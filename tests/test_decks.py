@@ -511,7 +511,9 @@ def factor_of(screen: Screen, deck: int, number: int, factor: float) -> None:
 @pytest.mark.parametrize("model", ["rigid_body", "bed"])
 def test_a_velocity_factor_is_on_what_the_model_gives(model: str) -> None:
     plain_deck, slow = (
-        Screen(screen_of((panel(factor=f),), displacement=Displacement(model))).solve_steady()
+        Screen(
+            screen_of(Deck(2.0, (panel(factor=f),)), displacement=Displacement(model))
+        ).solve_steady()
         for f in (1.0, 0.5)
     )
     assert plain_deck.transport_velocity > 0.0

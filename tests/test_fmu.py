@@ -910,6 +910,14 @@ def test_a_step_of_no_time_is_refused(screen: Instance, duration: float) -> None
     assert screen.state == before
 
 
+def test_a_step_of_more_than_a_life_is_refused(screen: Instance) -> None:
+    before = screen.state
+    with pytest.raises(FMICallException, match=FATAL):
+        screen.slave.doStep(0.0, 1e150)
+    assert "is more than 1e+09 s: take shorter steps" in screen.log[0][2]
+    assert screen.state == before
+
+
 def test_fractions_do_not_matter_without_feed(screen: Instance) -> None:
     screen.set({"feed.mass_flow_rate": 0.0, "feed.mass_fraction[1]": np.nan})
     screen.step(5.0)

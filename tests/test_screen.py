@@ -178,6 +178,21 @@ def test_step_size_is_positive(dt: float, screen: Screen) -> None:
     assert whole_state(screen) == before
 
 
+def test_the_longest_step(screen: Screen) -> None:
+    """A bed that only sorts comes to rest within 1e9 s; to ask for more is an error of some tool."""
+    closed = variant(
+        passage=Passage("gaudin", velocity=0.0), displacement=Displacement("prescribed", 0.0)
+    )
+    for any_screen in (screen, Screen(closed)):
+        any_screen.step(3.0, Feed(10.0, SHARE))
+        before = whole_state(any_screen)
+        with pytest.raises(InputError, match=r"dt = 1e\+150 s is more than 1e\+09 s: ") as caught:
+            any_screen.step(1e150, Feed(0.0))
+        assert caught.value.variable == "dt"
+        assert whole_state(any_screen) == before
+        any_screen.step(1e9, Feed(0.0))
+
+
 def test_refused_step_forgets_the_harmonics_that_came_with_it(screen: Screen) -> None:
     screen.step(3.0)
     before = whole_state(screen)

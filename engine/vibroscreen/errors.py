@@ -28,6 +28,7 @@ TEXT = {
     "no_model": "{name} = {value:.6g} is a model that this screen was not built with: choose it in "
     "the configuration",
     "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",
+    "long_time": "dt = {value:.6g} s is more than {limit:.6g} s: take shorter steps",
     # of numbers of a configuration, and of fixed parameters
     "endless": "{given} is not finite: {cure}",
     "not_above": "{given} is not larger than {bound}: {cure}",

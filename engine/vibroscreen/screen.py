@@ -38,6 +38,7 @@ _LOG = logging.getLogger(__name__)
 
 MOST_DECKS = 4
 SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of a computer
+LONGEST_STEP = 1e9  # s; what moves in more is too slow for them, and would be looked for forever
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 
@@ -223,6 +224,8 @@ class Screen:
         seconds = float(duration)
         if not SHORTEST_STEP <= seconds < math.inf:
             raise InputError(told("no_time", value=seconds), "dt")
+        if seconds > LONGEST_STEP:
+            raise InputError(told("long_time", value=seconds, limit=LONGEST_STEP), "dt")
         _accept(run(self.buffer, ADVANCE, seconds, 0.0), self.buffer, self.layout)
 
     @property

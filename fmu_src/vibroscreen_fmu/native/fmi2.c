@@ -443,6 +443,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real duration, fmi2Bool
     if (!screen) return fmi2Error;
     if (!screen->running || screen->ended) return refuse(screen, TEXT_NO_STEP, (Told) {.value = 0});
     if (!(duration >= SHORTEST_STEP && duration <= 1.7976931348623157e308)) return refuse(screen, TEXT_NO_TIME, (Told) {.value = duration});
+    if (duration > LONGEST_STEP) return refuse(screen, TEXT_LONG_TIME, (Told) {.value = duration, .limit = LONGEST_STEP});
     fmi2Status status = run(screen, &screen->laid, COMMAND_ADVANCE, duration);
     if (status == fmi2OK) screen->time = now + duration;
     return status;

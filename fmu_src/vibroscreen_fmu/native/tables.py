@@ -20,6 +20,7 @@ from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
 from vibroscreen.kernels.layout import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 from vibroscreen.kernels.segregation import EXCHANGE
 from vibroscreen.screen import (
+    LONGEST_STEP,
     SHORTEST_STEP,
     TEXT_OF_CODE,
     fill,
@@ -91,6 +92,7 @@ def header(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bu
             COMMAND_READ=READ,
             ACCEPTED=lay.ACCEPTED,
             SHORTEST_STEP=SHORTEST_STEP,
+            LONGEST_STEP=LONGEST_STEP,
             SETTABLE=SETTABLE,
             FIXED=FIXED,
             **{kind.upper(): bit for kind, bit in KINDS.items() if kind != "Enumeration"},
