@@ -178,6 +178,14 @@ def test_step_size_is_positive(dt: float, screen: Screen) -> None:
     assert whole_state(screen) == before
 
 
+def test_a_feed_that_is_hardly_a_number_leaves_outputs_finite(screen: Screen) -> None:
+    screen.step(30.0)
+    before = screen.view("output")[lay.UNDERSIZE_RECOVERY]
+    screen.step(1.0, Feed(5e-324, SHARE))
+    assert np.isfinite(screen.view("output")).all()
+    assert screen.view("output")[lay.UNDERSIZE_RECOVERY] == before
+
+
 def test_the_longest_step(screen: Screen) -> None:
     """A bed that only sorts comes to rest within 1e9 s; to ask for more is an error of some tool."""
     closed = variant(

@@ -230,7 +230,7 @@ from vibroscreen.kernels.layout import (
 )
 from vibroscreen.kernels.passage import BOUNCE
 from vibroscreen.kernels.place import deck_length, panel_count, residence_time
-from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE
+from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE, NOTHING
 
 PRESCRIBED, RIGID_BODY, BED = 1, 2, 3
 STEADY_START = 2  # bed.initial
@@ -820,7 +820,7 @@ def write_recovery(buffer):
         if size[i] < aperture:
             fed += fraction[i] * total
             out += passed[i]
-    if fed > 0.0:
+    if fed > NOTHING:  # a feed that is hardly a number gives no ratio that is one
         scalars(buffer, AT_OUTPUT, len(OUTPUT))[UNDERSIZE_RECOVERY] = out / fed
 
 
