@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -33,17 +34,8 @@ SOLIDS = 0.58
 # Classes whose means are 2, 4, 6, 7 and 12 mm.
 SIZES = np.array([2.0, 4.0, 6.0, 7.0, 12.0]) * 1e-3
 EDGES = (0.0015, 0.0025, 0.0055, 0.0065, 0.0075, 0.0165)
-NUMBERS = (
-    "rim",
-    "passing_time",
-    "drift",
-    "damping",
-    "lift",
-    "stirring",
-    "calming",
-    "depletion",
-    "levelling",
-)
+NOT_OF_THE_LAW = {"law", "velocity", "velocity_table", "closure"}
+NUMBERS = {number.name for number in dataclasses.fields(Passage)} - NOT_OF_THE_LAW
 BARE = dict.fromkeys(NUMBERS, 0.0)
 TOLERANCE = 1e-6
 

@@ -75,6 +75,11 @@ def test_exchange_of_next_to_nothing_is_finite(mass: float, size: float, dilatio
     assert (rate >= 0.0).all()
 
 
+# Two classes, three layers, contact and upper layer of different depth [m], [kg/m2].
+TWO_SIZES = np.array([0.001, 0.010])
+THREE_LAYERS = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
+
+
 def test_exchange_flux_by_hand() -> None:
     """Two classes, three layers, contact and upper layer of different depth."""
     # d = 1 and 10 mm; middle layer 20 kg/m2 of half each: R = (.5 x 1 + .5 x 10)/2 = 2.75 mm,
@@ -83,8 +88,6 @@ def test_exchange_flux_by_hand() -> None:
     # fines: (1 - 1/3.1602540)^2 = .4672676; coarse 10 > 3.16: 0
     # rho w = 1600 x .1 = 160, fills: contact 24/32 = .75, middle 20/16 (>1) -> min = .75
     # flux of the fines = 160 x .3220407 x .4672676 x .5 x .75 = 9.028750
-    size = np.array([0.001, 0.010])
-    load = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
     scene = scene_of(
         density=1600.0,
         contact_load=32.0,
@@ -94,29 +97,27 @@ def test_exchange_flux_by_hand() -> None:
         dilation=0.001,
     )
     contact, rate = np.zeros(2), np.zeros((3, 2))
-    exchange(size, load, 3, scene, contact, rate)
+    exchange(TWO_SIZES, THREE_LAYERS, 3, scene, contact, rate)
     assert contact == pytest.approx([1 / 24, 1 / 24], rel=1e-14)
     expected = 9.028750
-    assert rate[1, 0] * load[1, 0] == pytest.approx(expected, rel=1e-6)
+    assert rate[1, 0] * THREE_LAYERS[1, 0] == pytest.approx(expected, rel=1e-6)
     assert rate[1, 1] == 0.0
     # top layer: 8 kg/m2, F = .25, .75: mean 7.75 mm, R = 3.875, r = .5994645 + 1.1547005 =
     # 1.7541650, opening 3.5083300, phi = 1.8137994 x (1.7541651/4.875)^2 = .2348448
     # (1 - 1/3.5083302)^2 = .5111737; fill 8/16 = .5 (below 1.25):
     # 160 x .2348448 x .5111737 x .25 x .5 = 2.400930
     expected = 2.400930
-    assert rate[2, 0] * load[2, 0] == pytest.approx(expected, rel=1e-6)
+    assert rate[2, 0] * THREE_LAYERS[2, 0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_dilation_may_be_a_part_of_the_mean_grain() -> None:
     """0.1 of the mean size, 5.5 mm in the middle and 7.75 mm on top, beside what is a length."""
-    size = np.array([0.001, 0.010])
-    load = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
     common = {"density": 1600.0, "contact_load": 32.0, "layer_full": 16.0}
 
     def rates(**dilation: float) -> np.ndarray:
         contact, rate = np.zeros(2), np.zeros((3, 2))
         scene = scene_of(**common, segregation_velocity=0.1, **dilation)
-        exchange(size, load, 3, scene, contact, rate)
+        exchange(TWO_SIZES, THREE_LAYERS, 3, scene, contact, rate)
         return rate
 
     both = rates(dilation=0.0002, relative_dilation=0.1)
@@ -126,13 +127,13 @@ def test_dilation_may_be_a_part_of_the_mean_grain() -> None:
 
 def test_mixing_moves_all_sizes_alike() -> None:
     """rho_b w_m F fill: of 20 kg/m2 over a contact layer of fill 0.75, of 8 kg/m2 of fill 0.5."""
-    size = np.array([0.001, 0.010])
-    load = np.array([[12.0, 12.0], [10.0, 10.0], [2.0, 6.0]])
     scene = scene_of(density=1600.0, contact_load=32.0, layer_full=16.0, mixing=0.01)
     contact, rate = np.zeros(2), np.zeros((3, 2))
-    exchange(size, load, 3, scene, contact, rate)
-    assert rate[1] * load[1] == pytest.approx([16.0 * 0.5 * 0.75] * 2, rel=1e-12)
-    assert rate[2] * load[2] == pytest.approx([16.0 * 0.25 * 0.5, 16.0 * 0.75 * 0.5], rel=1e-12)
+    exchange(TWO_SIZES, THREE_LAYERS, 3, scene, contact, rate)
+    assert rate[1] * THREE_LAYERS[1] == pytest.approx([16.0 * 0.5 * 0.75] * 2, rel=1e-12)
+    assert rate[2] * THREE_LAYERS[2] == pytest.approx(
+        [16.0 * 0.25 * 0.5, 16.0 * 0.75 * 0.5], rel=1e-12
+    )
 
 
 def test_contact_of_the_other_models_by_hand() -> None:

@@ -48,7 +48,7 @@ from vibroscreen.kernels.segregation import (
     EXCHANGE,
     PROPORTIONAL,
     WELL_MIXED,
-    gap_radius,
+    gap_of,
 )
 
 MOST_NODES = 24  # on a piece, where the engine chooses
@@ -132,9 +132,8 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
         tolerance *= NODE_SHARE
         dilation = parameter[SEGREGATION_DILATION]
         relative = parameter[SEGREGATION_RELATIVE_DILATION]
-        small, large = 0.5 * (edge[0] + edge[1]), edge[edge.size - 1]
-        finest = 2.0 * gap_radius(0.5 * small, dilation + relative * small)
-        coarsest = 2.0 * gap_radius(0.5 * large, dilation + relative * large)
+        finest = gap_of(0.5 * (edge[0] + edge[1]), dilation, relative)
+        coarsest = gap_of(edge[edge.size - 1], dilation, relative)
         if low >= coarsest:
             return 2
         least = 2

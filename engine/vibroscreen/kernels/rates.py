@@ -68,7 +68,7 @@ from vibroscreen.kernels.passage import BOUNCE, passage_probability
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
     NOTHING,
-    gap_radius,
+    gap_of,
     layer_mass,
     segregate,
     weighted_mass,
@@ -152,9 +152,8 @@ def first_coarse(buffer, scene, load, layers):
         return nodes
     closed = scene[S_APERTURE]
     if buffer[LAYERED] > 0.0:
-        coarsest = size[nodes - 1]
-        apart = scene[S_DILATION] + scene[S_RELATIVE_DILATION] * coarsest
-        closed = max(closed, 2.0 * gap_radius(0.5 * coarsest, apart))
+        gap = gap_of(size[nodes - 1], scene[S_DILATION], scene[S_RELATIVE_DILATION])
+        closed = max(closed, gap)
     first = nodes
     while first > 0 and size[first - 1] >= closed:
         first -= 1
@@ -547,14 +546,11 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
         full = scene[S_LAYER_FULL]
     for i in range(nodes):
         change[0, i] = -passing[i]
-    if layers > 1:
+    for j in range(1, layers):
         for i in range(nodes):
-            change[0, i] += flux[1, i]
-        for j in range(1, layers - 1):
-            for i in range(nodes):
-                change[j, i] = flux[j + 1, i] - flux[j, i]
+            change[j - 1, i] += flux[j, i]
         for i in range(nodes):
-            change[layers - 1, i] = -flux[layers - 1, i]
+            change[j, i] = -flux[j, i]
     land(buffer, change, layers - 1, moment)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
     return lost

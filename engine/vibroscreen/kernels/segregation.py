@@ -44,6 +44,12 @@ def gap_radius(mean_radius, dilation):
 
 
 @kernel
+def gap_of(size, dilation, relative):
+    """Gaps among grains of one size [m] that dilate by dilation + relative size: 2 r, m."""
+    return 2.0 * gap_radius(0.5 * size, dilation + relative * size)
+
+
+@kernel
 def gap_open_area(mean_radius, dilation):
     """Open area of the gaps: min(1, pi r^2 / (sqrt3 (R + dr)^2))."""
     if mean_radius + dilation <= 0.0:

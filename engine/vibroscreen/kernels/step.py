@@ -445,19 +445,18 @@ def solve_displacement(buffer, deck, number):
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs[FREQUENCY], panel[INCLINATION]
     drive[2] = min(parameter[FRICTION_DECK], parameter[FRICTION_INTERNAL])
-    drive[3] = inputs[DISPLACEMENT_VELOCITY] * panel[VELOCITY_FACTOR]
+    drive[3] = inputs[DISPLACEMENT_VELOCITY]
     drive[4] = parameter[ROLLING]
     model = int(parameter[DISPLACEMENT_MODEL])
     if model == PRESCRIBED:
         prescribed(harmonic, drive, result, work)
     elif model == RIGID_BODY:
         rigid_body(harmonic, drive, result, work)
-        result[0] *= panel[VELOCITY_FACTOR]
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
-        result[0] *= panel[VELOCITY_FACTOR]
     else:
         call_displacement(int(buffer[DISPLACEMENT_ADDRESS]), harmonic, drive, result, work)
+    result[0] *= panel[VELOCITY_FACTOR]
 
 
 @kernel
