@@ -28,8 +28,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
+ROUNDS = 5
 OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
 Component = State = ctypes.c_void_p
 Reference = ctypes.c_uint
@@ -438,35 +441,35 @@ def unzipped(fmu: Path) -> Iterator[Path]:
 
 
 def main(fmu: Path, sequences: int, calls: int, threads: int, seed: int) -> dict[str, object]:
-    """Run `threads` callers at once, each its share of the sequences, in two rounds.
+    """Run `threads` callers at once, each its share of the sequences, in `ROUNDS` rounds.
 
-    What is kept for good is there after the first round: what grows in the second one is lost.
+    What is kept once comes with some round: what most rounds add is lost.
     """
-    share = max(1, sequences // (2 * threads))
+    share = max(1, sequences // (ROUNDS * threads))
     results: list[Found] = []
     with unzipped(fmu) as place:
         library = Library(place)
 
-        def work(number: int, rounds: int) -> None:
-            results.append(run(library, random.Random(f"{seed} {number} {rounds}"), share, calls))
+        def work(number: int, this: int) -> None:
+            results.append(run(library, random.Random(f"{seed} {number} {this}"), share, calls))
 
         memory = []
-        for rounds in range(2):
-            workers = [threading.Thread(target=work, args=(k, rounds)) for k in range(threads)]
+        for this in range(ROUNDS):
+            workers = [threading.Thread(target=work, args=(k, this)) for k in range(threads)]
             for worker in workers:
                 worker.start()
             for worker in workers:
                 worker.join()
             gc.collect()
             memory.append(resident())
-    assert len(results) == 2 * threads, "a thread has ended early"
+    assert len(results) == ROUNDS * threads, "a thread has ended early"
     messages = library.said.pop("messages", 0)
     return {
         "sequences": sum(found.sequences for found in results),
         "calls": sum(found.calls for found in results),
         "refused": sum(found.refused for found in results),
         "messages": messages,
-        "left_bytes": (memory[1] - memory[0]) / (share * threads),
+        "left_bytes": median(b - a for a, b in pairwise(memory)) / (share * threads),
         "wrong": dict(sum((found.wrong for found in results), library.said)),
     }
 
