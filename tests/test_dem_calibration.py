@@ -129,6 +129,18 @@ def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
     assert min(inside.values()) >= 8
 
 
+def test_undersize_at_the_discharge_by_the_measured_velocity_there(plate: ScreenConfig) -> None:
+    """The bed runs out over the edge: with that, nothing refitted, as many as a cubic has."""
+    faster = example.run_out()
+    assert 1.1 < faster < 1.3
+    values = numbers(plate)
+    met = sum(
+        example.within(example.along(example.with_run_out(run, faster), values))
+        for run in example.deck_runs()
+    )
+    assert met >= 67
+
+
 def test_classes_of_the_plate_have_the_spheres_as_means(plate: ScreenConfig) -> None:
     assert plate.size_classes.subdivision == 1
     np.testing.assert_allclose(
