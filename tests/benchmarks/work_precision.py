@@ -188,6 +188,7 @@ class Engine:
         self.screen, self.feed, self.calls = Screen(config), config.feed, 0
         self.recovery = self.screen.solve_steady().recovery
         self.residence_time = problem_of(self.screen).residence_time
+        _, self.buffer = slice_of(self.screen)
 
     def solve(self) -> None:
         """`solve_steady` as a user calls it; nothing can be taken over from the last call."""
@@ -197,9 +198,8 @@ class Engine:
 
     def bare(self) -> None:
         """The engine alone, with inputs that lie in its buffer."""
-        _, buffer = slice_of(self.screen)
-        run(buffer, START_SLICE, 0.0, 0.0)
-        run(buffer, FOLLOW, self.residence_time, 0.0)
+        run(self.buffer, START_SLICE, 0.0, 0.0)
+        run(self.buffer, FOLLOW, self.residence_time, 0.0)
 
 
 def refined(config: ScreenConfig, tolerance: float, subdivision: int) -> ScreenConfig:
