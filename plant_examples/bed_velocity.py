@@ -129,10 +129,11 @@ def held_out() -> pd.DataFrame:
 
 
 def summary(cases: pd.DataFrame) -> list[list[object]]:
-    """A row a kind of motion: median error and shares within 10, 20 and 30 per cent."""
+    """Median error and shares within 10, 20 and 30 per cent: a row a kind of motion, and of all."""
     rows: list[list[object]] = []
-    for kind in ("linear", "elliptical", "circular with the flow", "circular against the flow"):
-        part = cases[cases.kind == kind]
+    kinds = ("linear", "elliptical", "circular with the flow", "circular against the flow")
+    for kind in (*kinds, "all"):
+        part = cases if kind == "all" else cases[cases.kind == kind]
         fast = part[part.v > 2.0 * SLOWEST]
         miss, rigid = (abs(fast[model] / fast.v - 1.0) for model in ("bed", "rigid body"))
         shares = [f"{(miss < limit).mean():.0%}" for limit in (0.1, 0.2, 0.3)]

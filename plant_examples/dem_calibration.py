@@ -67,7 +67,7 @@ DILATION, MIXING = 1.25 * MM, 0.007  # m, m/s: round; mixing by the growth of th
 FRICTION = 0.5  # of the spheres and of the plate, on which they roll: `ROLLING`
 BATCH_AREA = 0.11**2  # m2
 DECK_LENGTH = 0.66  # m
-SEGMENTS = 12  # of a deck, in the records of what passes and lies there
+SEGMENT = DECK_LENGTH / 12  # m, of the records of what passes and lies along a deck
 # Spheres of one size are classes whose arithmetic mean is that size. Those of the decks can lie
 # side by side, those of the batches have empty classes between them.
 DECK_EDGES = tuple(d * MM for d in (2.75, 3.25, 4.75, 5.25, 6.75, 7.25, 7.75, 10.25, 13.75))
@@ -93,6 +93,11 @@ COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 5.0, 0.5, scal
 def read(name: str) -> pd.DataFrame:
     """A file of the particle simulations."""
     return pd.read_csv(DATA / f"dem_{name}.csv", comment="#")
+
+
+def bed_profile() -> pd.DataFrame:
+    """Hold-up, velocity and heights of the bed, all sizes, by case and segment of the deck."""
+    return read("deck_profile").query("size_mm == 'all' and segment > 0")
 
 
 def narrow(sizes_mm: tuple[float, ...]) -> SizeClasses:
@@ -174,20 +179,22 @@ def deck_config(case: pd.Series) -> ScreenConfig:
         case["W_m"],
     )
     (panel,) = config.decks[0].panels
-    tilted = dataclasses.replace(panel, inclination=case["alpha_deg"] * DEG)
-    return config.replace(decks=(Deck(case["W_m"], (tilted,)),))
+    return with_panels(config, dataclasses.replace(panel, inclination=case["alpha_deg"] * DEG))
+
+
+def with_panels(config: ScreenConfig, *panels: Panel) -> ScreenConfig:
+    """The same with other panels."""
+    return config.replace(decks=(dataclasses.replace(config.decks[0], panels=panels),))
 
 
 def with_measured_velocity(config: ScreenConfig, name: str) -> ScreenConfig:
     """The same with the velocity of the bed in each of the twelve segments of the simulation."""
-    profile = read("deck_profile").query("case == @name and size_mm == 'all' and segment > 0")
     (panel,) = config.decks[0].panels
-    panels = tuple(
-        dataclasses.replace(panel, length=DECK_LENGTH / SEGMENTS, velocity_factor=velocity)
-        for velocity in profile["v_m_s"]
+    panels = (
+        dataclasses.replace(panel, length=SEGMENT, velocity_factor=velocity)
+        for velocity in bed_profile().query("case == @name")["v_m_s"]
     )
-    deck = dataclasses.replace(config.decks[0], panels=panels)
-    return config.replace(decks=(deck,), displacement=Displacement("prescribed", 1.0))
+    return with_panels(config, *panels).replace(displacement=Displacement("prescribed", 1.0))
 
 
 def deck_runs(measured_velocity: bool = False) -> list[Run]:
@@ -365,7 +372,7 @@ def heights() -> tuple[float, float, float, float]:
     thinner than the contact layer are thrown alike.
     """
     cases = read("deck_cases").set_index("case").drop(list(DRIFTING))
-    part = read("deck_profile").query("size_mm == 'all' and segment > 0")
+    part = bed_profile()
     part = part[part["case"].isin(cases.index)]
     normal = {
         str(name): Motion.circular(case["A_m"], case["f_Hz"], "against_flow")
@@ -411,16 +418,16 @@ def twice_the_feed(values: dict[str, float]) -> float:
 def run_out() -> float:
     """Velocity of the bed over the last segment by that over the three before, mean of the decks.
 
-    Measured: flow through the middle of a segment over what lies on a metre there.
+    Measured: flow through the middle of a segment over what lies on it, all segments being alike.
     """
-    profile = read("deck_profile").query("size_mm == 'all' and segment > 0")
+    hold_up = bed_profile().set_index("case")["holdup_kg"]
     fed = read("deck_streams").groupby("case")["feed_kg_s"].sum()
     undersize = read("deck").groupby(["case", "segment"])["undersize_kg_s"].sum()
     ratios = []
     for name in JUDGED:
         passed = undersize[name].to_numpy()
         flow = fed[name] - passed.cumsum() + 0.5 * passed
-        velocity = flow / profile.loc[profile["case"] == name, "holdup_kg"].to_numpy()
+        velocity = flow / hold_up[name].to_numpy()
         ratios.append(velocity[-1] / velocity[-4:-1].mean())
     return float(np.mean(ratios))
 
@@ -428,13 +435,10 @@ def run_out() -> float:
 def with_run_out(run: Run, factor: float) -> Run:
     """The same with a bed so much faster on the last segment, where it runs over the edge."""
     (panel,) = run.config.decks[0].panels
-    last = DECK_LENGTH / SEGMENTS
-    panels = (
-        dataclasses.replace(panel, length=panel.length - last),
-        dataclasses.replace(panel, length=last, velocity_factor=factor * panel.velocity_factor),
-    )
-    deck = dataclasses.replace(run.config.decks[0], panels=panels)
-    return dataclasses.replace(run, config=run.config.replace(decks=(deck,)))
+    before = dataclasses.replace(panel, length=panel.length - SEGMENT)
+    faster = factor * panel.velocity_factor
+    last = dataclasses.replace(panel, length=SEGMENT, velocity_factor=faster)
+    return dataclasses.replace(run, config=with_panels(run.config, before, last))
 
 
 def along(run: Run, values: dict[str, float]) -> pd.DataFrame:
@@ -745,7 +749,7 @@ the recoveries), so the bands are honest; they do not hold a drift over the run 
 outside by chance, {segments - met} or more in one of {1.0 / by_chance:.0f} times. A cubic for each
 deck, 24 numbers, meets 67: more is not in these data. B0 and NEAR miss at the end. There the bed of
 the simulations runs out over the edge: by flow and hold-up it is {faster:.2f} times as fast in the
-last {1000.0 * DECK_LENGTH / SEGMENTS:.0f} mm as in the three segments before (mean of the five
+last {SEGMENT / MM:.0f} mm as in the three segments before (mean of the five
 decks). The plate does not have that. **With that measured factor on a last panel, nothing refitted,
 {met_with_run_out} of {segments} are met** (dashed).
 

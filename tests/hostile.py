@@ -32,7 +32,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-ROUNDS = 5
+ROUNDS = 5  # after each of which memory is read
 OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
 Component = State = ctypes.c_void_p
 Reference = ctypes.c_uint
