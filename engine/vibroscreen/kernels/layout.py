@@ -14,6 +14,7 @@ from math import prod
 
 import numpy as np
 
+from vibroscreen.kernels.fours import in_fours
 from vibroscreen.kernels.jit import kernel, view1, view2, viewing
 
 # --- scalars of a vector field, in order -------------------------------------------------------
@@ -499,9 +500,9 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "column_time": ("layers", "nodes"),
         # coefficients in time of what lands, of all nodes and of those that take part
         "source": (3, "nodes"),
-        "source_now": (3, "nodes"),
+        "source_now": (3, "sizes"),
         # sizes and 1/reference of the nodes that take part, and which they are
-        "compact": (2, "nodes"),
+        "compact": (2, "sizes"),
         "place": ("nodes",),
         "share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
@@ -514,9 +515,9 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "design_result": ("designs", "result"),
         "strength": (2,),
         "apertures": ("all_panels",),
-        "scratch": ("layers", "nodes"),
-        "percolation": ("layers", "nodes"),
-        "node_work": (4, "nodes"),
+        "scratch": ("layers", "sizes"),
+        "percolation": ("layers", "sizes"),
+        "node_work": (4, "sizes"),
         "upward": ("layers",),
     },
 }
@@ -611,7 +612,8 @@ class Layout:
         known["ledger_rows"] = 2 * known["streams"]
         known["knot_rows"] = known["decks"] * known["knots"]
         known["fall_rows"] = known["decks"] * known["falls"]
-        known["block"] = (known["layers"] + 2) * known["nodes"]
+        known["sizes"] = in_fours(known["nodes"])
+        known["block"] = (known["layers"] + 2) * known["sizes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}
         span: dict[str, slice] = {}

@@ -10,7 +10,18 @@ from __future__ import annotations
 
 from math import ceil
 
-from vibroscreen.kernels.jit import folded, kernel, view1, view2, viewing
+from vibroscreen.kernels.fours import (
+    above,
+    all_four,
+    four,
+    four_in,
+    in_fours,
+    largest,
+    put_four,
+    put_four_in,
+    total,
+)
+from vibroscreen.kernels.jit import folded, inlined, kernel, view1, view2, viewing
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
@@ -107,7 +118,7 @@ def active_column(buffer, at):
 def block(buffer, at, index):
     """A block as one vector: what passed, the loads of the layers, the share of the top one."""
     rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
     return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
 
 
@@ -115,7 +126,7 @@ def block(buffer, at, index):
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
     rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
     return view1(buffer, start, int(buffer[N_ACTIVE]))
 
 
@@ -123,7 +134,8 @@ def block_passed(buffer, at, index):
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
     rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * int(buffer[N_NODES]) + int(buffer[N_ACTIVE])
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
+    start += int(buffer[N_ACTIVE])
     return view2(buffer, start, rows - 2, int(buffer[N_ACTIVE]))
 
 
@@ -131,7 +143,7 @@ def block_load(buffer, at, index):
 def block_share(buffer, at, index, layers):
     """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
     rows, nodes = int(buffer[N_LAYERS]) + 2, int(buffer[N_ACTIVE])
-    start = int(buffer[at]) + index * rows * int(buffer[N_NODES])
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
     return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
 
 
@@ -175,14 +187,14 @@ def gather(buffer, scene, load, reference, layers):
     """Copy a column into the block NOW without the sizes that take no part.
 
     Left out are sizes of which nothing is there or lands; what is left of a size that is used up
-    passes at once; the coarse sizes that move alike become one. `place` says where a size is. The
-    last size may come twice, the second time without mass.
+    passes at once; the coarse sizes that move alike become one. `place` says where a size is. Loops
+    go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
     """
     nodes = load.shape[1]
     switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
     tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
-    size, total = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_NODE_WORK, 0)
+    size, held = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_NODE_WORK, 0)
     place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
     source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
     flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
@@ -191,22 +203,22 @@ def gather(buffer, scene, load, reference, layers):
     least = USED_UP * tolerance
     coarse = first_coarse(buffer, scene, load, layers)
     for i in range(nodes):
-        total[i] = load[0, i]
+        held[i] = load[0, i]
     for j in range(1, layers):
         for i in range(nodes):
-            total[i] += load[j, i]
+            held[i] += load[j, i]
     count = 0
     for i in range(coarse):
-        if passing and 0.0 < total[i] < least * reference[i] and size[i] < scene[S_APERTURE]:
-            flux[i] += total[i]
-            total[i] = 0.0
+        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene[S_APERTURE]:
+            flux[i] += held[i]
+            held[i] = 0.0
             for j in range(layers):
                 load[j, i] = 0.0
             counter[C_USED_UP_SKIPPED] += 1.0
         lands = False
         for k in range(terms):
             lands = lands or source[k, i] != 0.0
-        if total[i] > 0.0 or lands or switch[W_EMPTY] == 0.0:
+        if held[i] > 0.0 or lands or switch[W_EMPTY] == 0.0:
             place[i] = count
             count += 1
         else:
@@ -215,23 +227,21 @@ def gather(buffer, scene, load, reference, layers):
         share[i] = 1.0
     gathered, moment = 0.0, 0.0
     for i in range(coarse, nodes):
-        gathered += total[i]
-        moment += total[i] * size[i]
+        gathered += held[i]
+        moment += held[i] * size[i]
     for i in range(coarse, nodes):
         place[i] = count if gathered > 0.0 else -1.0
-        share[i] = total[i] / gathered if gathered > 0.0 else 0.0
+        share[i] = held[i] / gathered if gathered > 0.0 else 0.0
     if gathered > 0.0:
         counter[C_COARSE_SKIPPED] += nodes - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
-    # Loops go over four sizes at once: one of nothing is cheaper than three that are left over.
-    idle = taking_part % 4 == 3 and taking_part < nodes
-    buffer[N_ACTIVE] = taking_part + (1 if idle else 0)
+    buffer[N_ACTIVE] = in_fours(taking_part)
     fill_block(buffer, load, reference, layers, coarse)
     compact_size = active_vector(buffer, AT_COMPACT, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
-    if idle:
-        compact_size[taking_part] = compact_size[taking_part - 1]
+    for n in range(taking_part, compact_size.size):
+        compact_size[n] = compact_size[taking_part - 1]
     return coarse
 
 
@@ -418,8 +428,8 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
         contact,
         active_column(buffer, AT_PERCOLATION),
     )
-    for i in range(size.size):
-        fraction[i] = contact[i] * load[0, i]
+    for i in range(0, size.size, 4):
+        put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
     scene[S_COVER] = cover
     law = int(parameter[PASSAGE_LAW])
     passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, factor)
@@ -485,6 +495,13 @@ def reconstruct(buffer, load, layers):
         below, mass = mass, above
 
 
+@inlined
+def hand_down(change, row, i, flux):
+    """Move what goes down from a layer to the one below, of the four sizes from i on."""
+    put_four_in(change, row - 1, i, four_in(change, row - 1, i) + flux)
+    put_four_in(change, row, i, 0.0 - flux)
+
+
 @kernel
 def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
@@ -513,44 +530,44 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
-    for i in range(nodes):
-        weight[i] = max(0.0, weight[i]) * pace * contact[i]
-    for i in range(nodes):
-        passing[i] = weight[i] * load[0, i]
-    lost = vector_sum(passing)
+    passes = all_four(0.0)
+    for i in range(0, nodes, 4):
+        rate_of = above(0.0, four(weight, i)) * pace * four(contact, i)
+        put_four(weight, i, rate_of)
+        leaves = rate_of * four_in(load, 0, i)
+        put_four(passing, i, leaves)
+        put_four_in(change, 0, i, 0.0 - leaves)
+        passes += leaves
+    lost = total(passes)
     full = scene[S_CONTACT_LOAD]
     settling = lost / scene[S_LAYER_FULL]
-    # What goes down through the lower face of a layer; loops of few arrays are fast.
-    flux = active_column(buffer, AT_SCRATCH)
     for j in range(1, layers):
         if j < layers - 1 or (not falling and top > THIN * scene[S_LAYER_FULL]):
             upward = weighted_mass(lower, j, percolation, j) / full
             refill = settling if j < layers - 1 else lost / top
-            for i in range(nodes):
-                flux[j, i] = (percolation[j, i] + refill) * lower[j, i] - upward * upper[j - 1, i]
+            for i in range(0, nodes, 4):
+                flux = (four_in(percolation, j, i) + refill) * four_in(lower, j, i)
+                flux -= upward * four_in(upper, j - 1, i)
+                hand_down(change, j, i, flux)
         elif falling:
             share = block_share(buffer, at_state, state, layers)
             share_change = block_share(buffer, at_rate, rate, layers)
             upward = weighted_mass(share, 0, percolation, j) / full
-            for i in range(nodes):
-                share_change[0, i] = upward * upper[j - 1, i] - percolation[j, i] * share[0, i]
-            for i in range(nodes):
-                flux[j, i] = lost * share[0, i] - top * share_change[0, i]
+            for i in range(0, nodes, 4):
+                part = four_in(share, 0, i)
+                gain = upward * four_in(upper, j - 1, i) - four_in(percolation, j, i) * part
+                put_four_in(share_change, 0, i, gain)
+                flux = lost * part - top * gain
+                hand_down(change, j, i, flux)
         else:
             share = block_share(buffer, AT_STAGE, NOW, layers)
             upward = weighted_mass(lower, j, percolation, j) / full
-            for i in range(nodes):
-                flux[j, i] = percolation[j, i] * lower[j, i] - upward * upper[j - 1, i]
-            for i in range(nodes):
-                flux[j, i] += lost * share[0, i]
+            for i in range(0, nodes, 4):
+                flux = four_in(percolation, j, i) * four_in(lower, j, i)
+                flux -= upward * four_in(upper, j - 1, i)
+                flux += lost * four_in(share, 0, i)
+                hand_down(change, j, i, flux)
         full = scene[S_LAYER_FULL]
-    for i in range(nodes):
-        change[0, i] = -passing[i]
-    for j in range(1, layers):
-        for i in range(nodes):
-            change[j - 1, i] += flux[j, i]
-        for i in range(nodes):
-            change[j, i] = -flux[j, i]
     land(buffer, change, layers - 1, moment)
     vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
     return lost
@@ -581,21 +598,6 @@ def land(buffer, change, row, moment):
     else:
         for i in range(change.shape[1]):
             change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
-
-
-@folded
-def vector_sum(values):
-    """Sum of a vector; four sums side by side, as one alone waits for every addition."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    whole = values.size - values.size % 4
-    for i in range(0, whole, 4):
-        a += values[i]
-        b += values[i + 1]
-        c += values[i + 2]
-        d += values[i + 3]
-    for i in range(whole, values.size):
-        a += values[i]
-    return (a + b) + (c + d)
 
 
 @folded
@@ -678,30 +680,17 @@ def mean_landing(source, i, terms, h, moment):
 
 @folded
 def worst_of(error, weight):
-    """Largest product of two vectors, not below 0; four side by side, as in `vector_sum`."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    whole = error.size - error.size % 4
-    for i in range(0, whole, 4):
-        a = max(a, error[i] * weight[i])
-        b = max(b, error[i + 1] * weight[i + 1])
-        c = max(c, error[i + 2] * weight[i + 2])
-        d = max(d, error[i + 3] * weight[i + 3])
-    for i in range(whole, error.size):
-        a = max(a, error[i] * weight[i])
-    return max(max(a, b), max(c, d))
+    """Largest product of two vectors over the sizes that take part, not below 0."""
+    worst = all_four(0.0)
+    for i in range(0, error.size, 4):
+        worst = above(worst, four(error, i) * four(weight, i))
+    return largest(worst)
 
 
 @folded
 def largest_of(values, row):
-    """Largest number of a row of a matrix, not below 0."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    count = values.shape[1]
-    whole = count - count % 4
-    for i in range(0, whole, 4):
-        a = max(a, values[row, i])
-        b = max(b, values[row, i + 1])
-        c = max(c, values[row, i + 2])
-        d = max(d, values[row, i + 3])
-    for i in range(whole, count):
-        a = max(a, values[row, i])
-    return max(max(a, b), max(c, d))
+    """Largest number of a row over the sizes that take part, not below 0."""
+    most = all_four(0.0)
+    for i in range(0, values.shape[1], 4):
+        most = above(most, four_in(values, row, i))
+    return largest(most)

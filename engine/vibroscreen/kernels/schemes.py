@@ -16,6 +16,7 @@ from math import sqrt
 import numpy as np
 
 from vibroscreen.kernels.elementary import cosh, log, sinh
+from vibroscreen.kernels.fours import above, all_four, apart, four, largest, put_four
 from vibroscreen.kernels.jit import folded, inlined, kernel, view2
 from vibroscreen.kernels.layout import (
     AT_COMPACT,
@@ -55,7 +56,6 @@ from vibroscreen.kernels.rates import (
     passage_factors,
     restack,
     rows_followed,
-    worst_of,
 )
 from vibroscreen.kernels.segregation import layer_mass, weighted_mass
 
@@ -151,23 +151,27 @@ def stage_value(buffer, stage, h, size):
     a1, a2, a3 = h * A[row, 0], h * A[row, 1], h * A[row, 2]
     a4, a5, a6 = h * A[row, 3], h * A[row, 4], h * A[row, 5]
     if stage == 2:
-        for i in range(size):
-            out[i] = y[i] + a1 * k1[i]
+        for i in range(0, size, 4):
+            put_four(out, i, four(y, i) + a1 * four(k1, i))
     elif stage == 3:
-        for i in range(size):
-            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i])
+        for i in range(0, size, 4):
+            put_four(out, i, four(y, i) + (a1 * four(k1, i) + a2 * four(k2, i)))
     elif stage == 4:
-        for i in range(size):
-            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i])
+        for i in range(0, size, 4):
+            more = a1 * four(k1, i) + a2 * four(k2, i) + a3 * four(k3, i)
+            put_four(out, i, four(y, i) + more)
     elif stage == 5:
-        for i in range(size):
-            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i] + a4 * k4[i])
+        for i in range(0, size, 4):
+            more = a1 * four(k1, i) + a2 * four(k2, i) + a3 * four(k3, i) + a4 * four(k4, i)
+            put_four(out, i, four(y, i) + more)
     elif stage == 6:
-        for i in range(size):
-            out[i] = y[i] + (a1 * k1[i] + a2 * k2[i] + a3 * k3[i] + a4 * k4[i] + a5 * k5[i])
+        for i in range(0, size, 4):
+            more = a1 * four(k1, i) + a2 * four(k2, i) + a3 * four(k3, i) + a4 * four(k4, i)
+            put_four(out, i, four(y, i) + (more + a5 * four(k5, i)))
     else:
-        for i in range(size):
-            out[i] = y[i] + (a1 * k1[i] + a3 * k3[i] + a4 * k4[i] + a5 * k5[i] + a6 * k6[i])
+        for i in range(0, size, 4):
+            more = a1 * four(k1, i) + a3 * four(k3, i) + a4 * four(k4, i) + a5 * four(k5, i)
+            put_four(out, i, four(y, i) + (more + a6 * four(k6, i)))
 
 
 @kernel
@@ -178,8 +182,9 @@ def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
     k5, k6 = block(buffer, AT_STAGE, stage[3]), block(buffer, AT_STAGE, K7)
     out = block(buffer, AT_TRIAL, OF_PART)
     h1, h2, h3, h4, h5, h6 = h * e1, h * e2, h * e3, h * e4, h * e5, h * e6
-    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
-        out[i] = h1 * k1[i] + h2 * k2[i] + h3 * k3[i] + (h4 * k4[i] + h5 * k5[i] + h6 * k6[i])
+    for i in range(0, (layers + 1) * int(buffer[N_ACTIVE]), 4):
+        one = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
+        put_four(out, i, one + (h4 * four(k4, i) + h5 * four(k5, i) + h6 * four(k6, i)))
     return worst_error(buffer, layers)
 
 
@@ -191,18 +196,16 @@ def worst_error(buffer, layers):
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
     nodes = int(buffer[N_ACTIVE])
-    weight, error = active_vector(buffer, AT_COMPACT, 1), active_vector(buffer, AT_NODE_WORK, 1)
-    moved, out = active_vector(buffer, AT_NODE_WORK, 2), block(buffer, AT_TRIAL, OF_PART)
-    for i in range(nodes):
-        moved[i] = out[i]
-        error[i] = 1.5 * abs(out[i])
-    face = 2.0 / layers
-    for row in range(1, layers):
-        start = row * nodes
-        for i in range(nodes):
-            moved[i] += out[start + i]
-            error[i] += face * abs(moved[i])
-    return worst_of(error, weight)
+    weight, out = active_vector(buffer, AT_COMPACT, 1), block(buffer, AT_TRIAL, OF_PART)
+    face, worst = 2.0 / layers, all_four(0.0)
+    for i in range(0, nodes, 4):
+        moved = four(out, i)
+        error = 1.5 * apart(moved)
+        for row in range(1, layers):
+            moved += four(out, row * nodes + i)
+            error += face * apart(moved)
+        worst = above(worst, error * four(weight, i))
+    return largest(worst)
 
 
 @folded
@@ -213,23 +216,26 @@ def integrate_stages(buffer, h, size):
     k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
     k5 = block(buffer, AT_STAGE, K5)
     g1, g2, g3, g4, g5 = h * h * I1, h * h * I2, h * h * I3, h * h * I4, h * h * I5
-    for i in range(size):
-        total[i] += h * y[i] + (g1 * k1[i] + g2 * k2[i] + g3 * k3[i] + g4 * k4[i] + g5 * k5[i])
+    for i in range(0, size, 4):
+        one = g1 * four(k1, i) + g2 * four(k2, i) + g3 * four(k3, i) + g4 * four(k4, i)
+        one = h * four(y, i) + (one + g5 * four(k5, i))
+        put_four(total, i, four(total, i) + one)
 
 
 @folded
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
-    debts = 0
-    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
-        y[i] = new[i]
-        debts += 1 if new[i] < 0.0 else 0
+    debts = all_four(0.0)
+    for i in range(0, (layers + 1) * int(buffer[N_ACTIVE]), 4):
+        value = four(new, i)
+        put_four(y, i, value)
+        debts = above(debts, 0.0 - value)
     if last_rates:
         k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
-        for i in range(rows_followed(buffer, layers)):
-            k1[i] = k7[i]
-    return debts == 0
+        for i in range(0, rows_followed(buffer, layers), 4):
+            put_four(k1, i, four(k7, i))
+    return largest(debts) == 0.0
 
 
 @inlined
@@ -250,11 +256,11 @@ def chain_stage(buffer, last, h_last, h_first, size):
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
     k, k1 = block(buffer, AT_STAGE, last), block(buffer, AT_STAGE, K1)
     if h_first == 0.0:
-        for i in range(size):
-            out[i] = y[i] + h_last * k[i]
+        for i in range(0, size, 4):
+            put_four(out, i, four(y, i) + h_last * four(k, i))
     else:
-        for i in range(size):
-            out[i] = y[i] + (h_last * k[i] + h_first * k1[i])
+        for i in range(0, size, 4):
+            put_four(out, i, four(y, i) + (h_last * four(k, i) + h_first * four(k1, i)))
 
 
 @folded
@@ -264,8 +270,9 @@ def chain_end(buffer, stage, h, row, size):
     k1, k2 = block(buffer, AT_STAGE, stage[1]), block(buffer, AT_STAGE, stage[2])
     k3 = block(buffer, AT_STAGE, stage[3])
     h1, h2, h3 = h * CHAIN_END[row, 0], h * CHAIN_END[row, 1], h * CHAIN_END[row, 2]
-    for i in range(size):
-        out[i] = y[i] + (h1 * k1[i] + h2 * k2[i] + h3 * k3[i])
+    for i in range(0, size, 4):
+        more = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
+        put_four(out, i, four(y, i) + more)
 
 
 @kernel
@@ -303,10 +310,10 @@ def chebyshev_start(buffer, one, h, size):
     """First stage of the stabilised scheme: y + h one k1, into STAGED and K2."""
     y, k1 = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, K1)
     near, far = block(buffer, AT_STAGE, STAGED), block(buffer, AT_STAGE, K2)
-    for i in range(size):
-        near[i] = y[i] + h * one * k1[i]
-    for i in range(size):
-        far[i] = y[i]
+    for i in range(0, size, 4):
+        start = four(y, i)
+        put_four(near, i, start + h * one * four(k1, i))
+        put_four(far, i, start)
 
 
 @kernel
@@ -316,10 +323,9 @@ def chebyshev_stage(buffer, near, far, mu, nu, rate_now, rate_first, size):
     last, out = block(buffer, AT_STAGE, near), block(buffer, AT_STAGE, far)
     rate = block(buffer, AT_STAGE, K3)
     rest = 1.0 - mu - nu
-    for i in range(size):
-        out[i] = (rest * y[i] + mu * last[i] + nu * out[i]) + (
-            rate_now * rate[i] + rate_first * k1[i]
-        )
+    for i in range(0, size, 4):
+        value = rest * four(y, i) + mu * four(last, i) + nu * four(out, i)
+        put_four(out, i, value + (rate_now * four(rate, i) + rate_first * four(k1, i)))
 
 
 @kernel
@@ -369,10 +375,10 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
 def swap_blocks(buffer, one, two, size):
     """Exchange the contents of two blocks."""
     a, b = block(buffer, AT_STAGE, one), block(buffer, AT_STAGE, two)
-    for i in range(size):
-        kept = a[i]
-        a[i] = b[i]
-        b[i] = kept
+    for i in range(0, size, 4):
+        kept = four(a, i)
+        put_four(a, i, four(b, i))
+        put_four(b, i, kept)
 
 
 @folded
@@ -381,8 +387,9 @@ def third_order_error(buffer, h, layers):
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
     k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
     out = block(buffer, AT_TRIAL, OF_PART)
-    for i in range((layers + 1) * int(buffer[N_ACTIVE])):
-        out[i] = 0.8 * (y[i] - new[i]) + 0.4 * h * (k1[i] + k7[i])
+    for i in range(0, (layers + 1) * int(buffer[N_ACTIVE]), 4):
+        rates = 0.4 * h * (four(k1, i) + four(k7, i))
+        put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)
     return worst_error(buffer, layers)
 
 
@@ -393,8 +400,9 @@ def integrate_ends(buffer, h, size):
     k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
     total = block(buffer, AT_STAGE, INTEGRAL)
     half, twelfth = 0.5 * h, h * h / 12.0
-    for i in range(size):
-        total[i] += half * (y[i] + new[i]) + twelfth * (k1[i] - k7[i])
+    for i in range(0, size, 4):
+        one = half * (four(y, i) + four(new, i)) + twelfth * (four(k1, i) - four(k7, i))
+        put_four(total, i, four(total, i) + one)
 
 
 # --- within a step -------------------------------------------------------------------------------
@@ -428,16 +436,18 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
     out = block(buffer, AT_TRIAL, OF_PART)
     size = (layers + 1) * int(buffer[N_ACTIVE])
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
-    for i in range(size):
-        out[i] = start * y[i] + gd * (new[i] - y[i]) + (g1 * k1[i] + g7 * k7[i])
+    for i in range(0, size, 4):
+        one = start * four(y, i) + gd * (four(new, i) - four(y, i))
+        put_four(out, i, one + (g1 * four(k1, i) + g7 * four(k7, i)))
     if more > 0.0:
         k3, k4 = block(buffer, AT_STAGE, K3), block(buffer, AT_STAGE, K4)
         k5, k6 = block(buffer, AT_STAGE, K5), block(buffer, AT_STAGE, K6)
         g = h * more
         r1, r3, r4, r5, r6, r7 = g * D1, g * D3, g * D4, g * D5, g * D6, g * D7
-        for i in range(size):
-            one = r1 * k1[i] + r3 * k3[i] + r4 * k4[i]
-            out[i] += one + (r5 * k5[i] + r6 * k6[i] + r7 * k7[i])
+        for i in range(0, size, 4):
+            one = r1 * four(k1, i) + r3 * four(k3, i) + r4 * four(k4, i)
+            one += r5 * four(k5, i) + r6 * four(k6, i) + r7 * four(k7, i)
+            put_four(out, i, four(out, i) + one)
 
 
 @kernel
@@ -481,11 +491,11 @@ def land_in_step(buffer, layers, h, t, scheme):
     out = block(buffer, AT_TRIAL, OF_PART)
     size = (layers + 1) * int(buffer[N_ACTIVE])
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
-    for i in range(size):
-        total[i] += out[i]
+    for i in range(0, size, 4):
+        put_four(total, i, four(total, i) + four(out, i))
     value_in_step(buffer, layers, h, t, scheme)
-    for i in range(size):
-        staged[i] = out[i]
+    for i in range(0, size, 4):
+        put_four(staged, i, four(out, i))
 
 
 @folded

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+from vibroscreen.kernels.fours import above, all_four, four, four_in, put_four_in, total
 from vibroscreen.kernels.jit import call_segregation, folded, kernel
 from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
@@ -61,56 +62,43 @@ def gap_open_area(mean_radius, dilation):
 @folded
 def layer_mass(load, row):
     """Areal mass of one layer, kg/m2."""
-    # Four sums side by side: one alone waits for every addition.
-    nodes = load.shape[1]
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    nodes, mass = load.shape[1], all_four(0.0)
     whole = nodes - nodes % 4
     for i in range(0, whole, 4):
-        a += load[row, i]
-        b += load[row, i + 1]
-        c += load[row, i + 2]
-        d += load[row, i + 3]
+        mass += four_in(load, row, i)
+    rest = 0.0
     for i in range(whole, nodes):
-        a += load[row, i]
-    return (a + b) + (c + d)
+        rest += load[row, i]
+    return total(mass) + rest
 
 
 @folded
 def weighted_mass(load, row, weight, weight_row):
     """Sum over the sizes of a layer of weight times areal mass."""
-    nodes = load.shape[1]
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    nodes, mass = load.shape[1], all_four(0.0)
     whole = nodes - nodes % 4
     for i in range(0, whole, 4):
-        a += load[row, i] * weight[weight_row, i]
-        b += load[row, i + 1] * weight[weight_row, i + 1]
-        c += load[row, i + 2] * weight[weight_row, i + 2]
-        d += load[row, i + 3] * weight[weight_row, i + 3]
+        mass += four_in(load, row, i) * four_in(weight, weight_row, i)
+    rest = 0.0
     for i in range(whole, nodes):
-        a += load[row, i] * weight[weight_row, i]
-    return (a + b) + (c + d)
+        rest += load[row, i] * weight[weight_row, i]
+    return total(mass) + rest
 
 
 @folded
 def mass_and_moment(load, row, size):
     """Areal mass of a layer, kg/m2, and the sum over its sizes of size times areal mass, kg/m."""
-    nodes = load.shape[1]
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    e, f, g, h = 0.0, 0.0, 0.0, 0.0
+    nodes, mass, moment = load.shape[1], all_four(0.0), all_four(0.0)
     whole = nodes - nodes % 4
     for i in range(0, whole, 4):
-        a += load[row, i]
-        b += load[row, i + 1]
-        c += load[row, i + 2]
-        d += load[row, i + 3]
-        e += load[row, i] * size[i]
-        f += load[row, i + 1] * size[i + 1]
-        g += load[row, i + 2] * size[i + 2]
-        h += load[row, i + 3] * size[i + 3]
+        held = four_in(load, row, i)
+        mass += held
+        moment += held * four(size, i)
+    rest, rest_moment = 0.0, 0.0
     for i in range(whole, nodes):
-        a += load[row, i]
-        e += load[row, i] * size[i]
-    return (a + b) + (c + d), (e + f) + (g + h)
+        rest += load[row, i]
+        rest_moment += load[row, i] * size[i]
+    return total(mass) + rest, total(moment) + rest_moment
 
 
 @folded
@@ -166,6 +154,7 @@ def exchange(size, load, layers, scene, contact, percolation):
     dilation, relative = scene[S_DILATION], scene[S_RELATIVE_DILATION]
     whole = 1.0 / scene[S_LAYER_FULL]
     fill_below = mass / scene[S_CONTACT_LOAD]
+    wide = size.size - size.size % 4
     for j in range(1, layers):
         mass, moment = mass_and_moment(load, j, size)
         fill = mass * whole
@@ -176,10 +165,13 @@ def exchange(size, load, layers, scene, contact, percolation):
         square = mass * max(opening * opening, solid * solid)
         held = min(1.0, fill, fill_below)
         rate = pace * held / square if square > NOTHING else 0.0
-        alike = stirring * held / mass if mass > NOTHING else 0.0
-        for i in range(size.size):
+        stirred = stirring * held / mass if mass > NOTHING else 0.0
+        for i in range(0, wide, 4):
+            room = above(0.0, opening - mass * four(size, i))
+            put_four_in(percolation, j, i, rate * room * room + stirred)
+        for i in range(wide, size.size):
             free = max(0.0, opening - mass * size[i])
-            percolation[j, i] = rate * free * free + alike
+            percolation[j, i] = rate * free * free + stirred
         fill_below = fill
 
 

@@ -41,7 +41,7 @@ _NEVER_REFUSED = ("size_class[", "deck[")
 
 
 class _Symbol:
-    """A whole number that only C will know: sums and products are written down."""
+    """A whole number that only C will know: sums, products and quotients are written down."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -54,6 +54,9 @@ class _Symbol:
 
     def __mul__(self, other: Any) -> _Symbol:
         return self if other == 1 else _Symbol(f"{self} * {other}")
+
+    def __floordiv__(self, other: Any) -> _Symbol:
+        return _Symbol(f"({self} / {other})")
 
     def __radd__(self, other: Any) -> _Symbol:
         return self if other == 0 else self + other
