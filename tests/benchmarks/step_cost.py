@@ -334,7 +334,10 @@ def slope(numbers: Sequence[float], costs: Sequence[float]) -> float:
 def growth(
     title: str, unit: str, numbers: Sequence[float], timed: Sequence[Timed], repeat: int
 ) -> Row:
-    """Cost over a number: all of it, slope over all and over the upper half, where overheads fade."""
+    """Cost over a number: all of it, slope over all and over the upper half, where overheads fade.
+
+    refines: whether the model is another one for every number.
+    """
     costs = in_turns(timed, repeat)
     upper = len(numbers) // 2
     return {
@@ -344,6 +347,7 @@ def growth(
         "us": costs,
         "slope": slope(numbers, costs),
         "slope_upper_half": slope(numbers[upper:], costs[upper:]),
+        "refines": False,
     }
 
 
@@ -377,14 +381,19 @@ def deep_deck(layers: int, depth: float, layer: float) -> ScreenConfig:
 
 
 def layer_growth(effort: Effort, thinner: bool) -> Row:
-    """Steady solution over bed depth/layer depth: a deeper bed, or thinner layers (stiffer)."""
-    timed = []
+    """Steady solution over bed depth/layer depth: a deeper bed, or thinner layers.
+
+    The depth of a layer is the model's mixing length, so thinner layers are another model for
+    every number: it resolves sharper fronts, and each has more layers to cross. No target.
+    """
+    solutions = []
     for count in effort.layers:
         layer = 0.1 / count if thinner else 0.01
-        one = Solution(deep_deck(count, layer * count, layer))
-        timed.append(Timed(one.bare, one.nudge))
-    how = "bed of 0.1 m" if thinner else "of 10 mm"
-    return growth(f"layers, {how}", "layers", effort.layers, timed, effort.repeat)
+        solutions.append(Solution(deep_deck(count, layer * count, layer)))
+    timed = [Timed(one.bare, one.nudge) for one in solutions]
+    how = "thinner layers, bed of 0.1 m" if thinner else "layers of 10 mm"
+    row = growth(how, "layers", effort.layers, timed, effort.repeat)
+    return {**row, "refines": thinner, "evaluations": [one.rates() for one in solutions]}
 
 
 def package_growth(effort: Effort, spare: bool) -> Row:
@@ -750,7 +759,8 @@ def targets(result: Row) -> list[Row]:
         if reached:
             rows.append((f"20 classes, steady to {level:.0e}, ms", min(reached) / 1e3, name))
     for row in result["growth"]:
-        rows.append((f"slope of cost, {row['title']}", row["slope_upper_half"], "slope"))
+        if not row["refines"]:
+            rows.append((f"slope of cost, {row['title']}", row["slope_upper_half"], "slope"))
     if result["edge"]:
         rows.append(
             ("40 set, 40 got by C calls over the engine, us", result["edge"]["more"], "edge_us")
@@ -789,6 +799,10 @@ def print_report(result: Row) -> None:
         pairs = zip(row["number"], row["us"], strict=True)
         points = "  ".join(f"{n:.0f}: {us:.0f}" for n, us in pairs)
         print(f"{row['title']:<30}{row['slope']:>7.2f}{row['slope_upper_half']:>12.2f}   {points}")
+        if "evaluations" in row:
+            pairs = zip(row["number"], row["evaluations"], strict=True)
+            points = "  ".join(f"{n:.0f}: {count:.0f}" for n, count in pairs)
+            print(f"{'  evaluations of the rates':<52}{points}")
     print(
         f"\n{'skip':<20}{'scene':<28}{'on us':>9}{'off us':>9}{'off/on':>9}  "
         f"{'counted a step':<24}{'on':>8}{'off':>9}{'difference':>12}"
