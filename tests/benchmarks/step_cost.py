@@ -334,10 +334,7 @@ def slope(numbers: Sequence[float], costs: Sequence[float]) -> float:
 def growth(
     title: str, unit: str, numbers: Sequence[float], timed: Sequence[Timed], repeat: int
 ) -> Row:
-    """Cost over a number: all of it, slope over all and over the upper half, where overheads fade.
-
-    refines: whether the model is another one for every number.
-    """
+    """Cost over a number: all of it, slope over all and over the upper half, where overheads fade."""
     costs = in_turns(timed, repeat)
     upper = len(numbers) // 2
     return {
@@ -347,7 +344,7 @@ def growth(
         "us": costs,
         "slope": slope(numbers, costs),
         "slope_upper_half": slope(numbers[upper:], costs[upper:]),
-        "refines": False,
+        "refines": False,  # whether the model is another one for every number
     }
 
 
@@ -384,7 +381,7 @@ def layer_growth(effort: Effort, thinner: bool) -> Row:
     """Steady solution over bed depth/layer depth: a deeper bed, or thinner layers.
 
     The depth of a layer is the model's mixing length, so thinner layers are another model for
-    every number: it resolves sharper fronts, and each has more layers to cross. No target.
+    every number, one of sharper fronts that cross more layers: shown, without a target.
     """
     solutions = []
     for count in effort.layers:

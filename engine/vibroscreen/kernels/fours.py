@@ -1,13 +1,15 @@
 """Four numbers side by side: what loops over sizes take at once.
 
-Compilers start their own vector loops from some 24 numbers on, which most beds have fewer of; these
-run in one instruction each where the processor has it, with the bits of one number after another.
-Sizes that take part are padded to a multiple of four (rates.gather).
+A compiler's own vector loops check at run time that arrays lie apart, and pay for rows longer than
+most beds have. These are one instruction each where the processor has it, with the bits of one
+number after another. Sizes that take part are padded to a multiple of four (rates.gather).
 
-    four(values, i), four_in(values, row, i)             the numbers at i to i + 3
-    put_four(values, i, x), put_four_in(values, row, i, x)
-    + - * of fours, and of fours and numbers; above(x, y) the larger of each, apart(x) without signs
-    total(x) = (x0 + x1) + (x2 + x3); largest(x)
+    four(values, i), four_in(values, row, i)                 the numbers at i to i + 3
+    put_four(values, i, x), put_four_in(values, row, i, x)   a four, or one number four times, there
+    all_four(x)                                              one number four times
+    x + y, x - y, x * y                                      of fours, or of a four and a number
+    larger(x, y), apart(x)                                   the larger of each; without signs
+    total(x), largest(x)                                     (x0 + x1) + (x2 + x3); of the four
 
 With NUMBA_DISABLE_JIT=1 they are small arrays.
 """
@@ -46,7 +48,7 @@ if config.DISABLE_JIT:
     def put_four_in(values, row, i, x):
         values[row, i : i + 4] = x
 
-    def above(x, y):
+    def larger(x, y):
         return np.where(y > x, y, x)
 
     apart = abs
@@ -120,6 +122,11 @@ else:
             place = index[0]
         return builder.bitcast(builder.gep(view.data, [place]), _WORDS.as_pointer())
 
+    def _fits(kind: Any, rank: int) -> bool:
+        """Whether an array holds doubles one after the other; others do not compile."""
+        whole = isinstance(kind, types.Array) and kind.layout == "C"
+        return whole and kind.ndim == rank and kind.dtype == types.float64
+
     def _reader(rank: int) -> Any:
         index = (types.intp,) * rank
 
@@ -131,12 +138,12 @@ else:
 
             @intrinsic
             def read(_context, values, i):
-                return FOUR(values, *index), generate
+                return (FOUR(values, *index), generate) if _fits(values, rank) else None
         else:
 
             @intrinsic
             def read(_context, values, row, i):
-                return FOUR(values, *index), generate
+                return (FOUR(values, *index), generate) if _fits(values, rank) else None
 
         return read
 
@@ -153,12 +160,12 @@ else:
 
             @intrinsic
             def write(_context, values, i, x):
-                return types.void(values, *index, x), generate
+                return (types.void(values, *index, x), generate) if _fits(values, rank) else None
         else:
 
             @intrinsic
             def write(_context, values, row, i, x):
-                return types.void(values, *index, x), generate
+                return (types.void(values, *index, x), generate) if _fits(values, rank) else None
 
         return write
 
@@ -175,8 +182,8 @@ else:
         return FOUR(types.float64), generate
 
     @intrinsic
-    def above(_context, x, y):
-        """The larger of each, y where it is above x."""
+    def larger(_context, x, y):
+        """The larger of each, y where it is more than x."""
 
         def generate(_context, builder, form, arguments):
             x, y = (_as_four(builder, k, v) for k, v in zip(form.args, arguments, strict=True))
@@ -212,10 +219,10 @@ else:
         """Largest of the four."""
 
         def generate(_context, builder, _form, arguments):
-            def larger(one, two):
+            def most(one, two):
                 return builder.select(builder.fcmp_ordered(">", two, one), two, one)
 
             a, b, c, d = _lanes(builder, arguments[0])
-            return larger(larger(a, b), larger(c, d))
+            return most(most(a, b), most(c, d))
 
         return types.float64(FOUR), generate

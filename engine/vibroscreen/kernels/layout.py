@@ -612,7 +612,7 @@ class Layout:
         known["ledger_rows"] = 2 * known["streams"]
         known["knot_rows"] = known["decks"] * known["knots"]
         known["fall_rows"] = known["decks"] * known["falls"]
-        known["sizes"] = in_fours(known["nodes"])
+        known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
         known["block"] = (known["layers"] + 2) * known["sizes"]
         offset: dict[str, int] = {}
         shape: dict[str, tuple[int, ...]] = {}

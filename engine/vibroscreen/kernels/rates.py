@@ -11,11 +11,11 @@ from __future__ import annotations
 from math import ceil
 
 from vibroscreen.kernels.fours import (
-    above,
     all_four,
     four,
     four_in,
     in_fours,
+    larger,
     largest,
     put_four,
     put_four_in,
@@ -497,7 +497,7 @@ def reconstruct(buffer, load, layers):
 
 @inlined
 def hand_down(change, row, i, flux):
-    """Move what goes down from a layer to the one below, of the four sizes from i on."""
+    """What goes down from a layer, of four sizes: the row below gains it, this one begins so."""
     put_four_in(change, row - 1, i, four_in(change, row - 1, i) + flux)
     put_four_in(change, row, i, 0.0 - flux)
 
@@ -532,7 +532,7 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     passes = all_four(0.0)
     for i in range(0, nodes, 4):
-        rate_of = above(0.0, four(weight, i)) * pace * four(contact, i)
+        rate_of = larger(0.0, four(weight, i)) * pace * four(contact, i)
         put_four(weight, i, rate_of)
         leaves = rate_of * four_in(load, 0, i)
         put_four(passing, i, leaves)
@@ -683,7 +683,7 @@ def worst_of(error, weight):
     """Largest product of two vectors over the sizes that take part, not below 0."""
     worst = all_four(0.0)
     for i in range(0, error.size, 4):
-        worst = above(worst, four(error, i) * four(weight, i))
+        worst = larger(worst, four(error, i) * four(weight, i))
     return largest(worst)
 
 
@@ -692,5 +692,5 @@ def largest_of(values, row):
     """Largest number of a row over the sizes that take part, not below 0."""
     most = all_four(0.0)
     for i in range(0, values.shape[1], 4):
-        most = above(most, four_in(values, row, i))
+        most = larger(most, four_in(values, row, i))
     return largest(most)

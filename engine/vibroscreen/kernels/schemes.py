@@ -16,7 +16,7 @@ from math import sqrt
 import numpy as np
 
 from vibroscreen.kernels.elementary import cosh, log, sinh
-from vibroscreen.kernels.fours import above, all_four, apart, four, largest, put_four
+from vibroscreen.kernels.fours import all_four, apart, four, larger, largest, put_four
 from vibroscreen.kernels.jit import folded, inlined, kernel, view2
 from vibroscreen.kernels.layout import (
     AT_COMPACT,
@@ -204,7 +204,7 @@ def worst_error(buffer, layers):
         for row in range(1, layers):
             moved += four(out, row * nodes + i)
             error += face * apart(moved)
-        worst = above(worst, error * four(weight, i))
+        worst = larger(worst, error * four(weight, i))
     return largest(worst)
 
 
@@ -230,7 +230,7 @@ def take_explicit(buffer, layers, last_rates):
     for i in range(0, (layers + 1) * int(buffer[N_ACTIVE]), 4):
         value = four(new, i)
         put_four(y, i, value)
-        debts = above(debts, 0.0 - value)
+        debts = larger(debts, 0.0 - value)
     if last_rates:
         k1, k7 = block(buffer, AT_STAGE, K1), block(buffer, AT_STAGE, K7)
         for i in range(0, rows_followed(buffer, layers), 4):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from vibroscreen.kernels.fours import above, all_four, four, four_in, put_four_in, total
+from vibroscreen.kernels.fours import all_four, four, four_in, larger, put_four_in, total
 from vibroscreen.kernels.jit import call_segregation, folded, kernel
 from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
@@ -167,8 +167,8 @@ def exchange(size, load, layers, scene, contact, percolation):
         rate = pace * held / square if square > NOTHING else 0.0
         stirred = stirring * held / mass if mass > NOTHING else 0.0
         for i in range(0, wide, 4):
-            room = above(0.0, opening - mass * four(size, i))
-            put_four_in(percolation, j, i, rate * room * room + stirred)
+            gap = larger(0.0, opening - mass * four(size, i))
+            put_four_in(percolation, j, i, rate * gap * gap + stirred)
         for i in range(wide, size.size):
             free = max(0.0, opening - mass * size[i])
             percolation[j, i] = rate * free * free + stirred
