@@ -182,7 +182,7 @@ class Screen:
     def __init__(self, config: ScreenConfig) -> None:
         check_supported(config)
         if not is_ready(run):
-            _LOG.warning("vibroscreen compiles its kernels, once a version: about two minutes")
+            _LOG.warning("vibroscreen compiles its kernels, once a version: two to four minutes")
         self.config = config
         self.nodes = nodes_of(config)
         self.layout = _layout(config, self.nodes.count, packages=True)

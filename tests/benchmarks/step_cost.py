@@ -772,6 +772,12 @@ def targets(result: Row) -> list[Row]:
 
 
 # --- report ------------------------------------------------------------------------------------
+def by_number(row: Row, name: str) -> str:
+    """What grows beside the number that it grows with."""
+    pairs = zip(row["number"], row[name], strict=True)
+    return "  ".join(f"{number:.0f}: {value:.0f}" for number, value in pairs)
+
+
 def print_report(result: Row) -> None:
     """All tables."""
     print(f"{'step of 1 s, us (over the dearest)':<36}" + "".join(f"{s:>22}" for s in STEPS))
@@ -793,13 +799,10 @@ def print_report(result: Row) -> None:
             )
     print(f"\n{'cost grows as number^slope':<30}{'slope':>7}{'upper half':>12}   us at number")
     for row in result["growth"]:
-        pairs = zip(row["number"], row["us"], strict=True)
-        points = "  ".join(f"{n:.0f}: {us:.0f}" for n, us in pairs)
-        print(f"{row['title']:<30}{row['slope']:>7.2f}{row['slope_upper_half']:>12.2f}   {points}")
+        title = f"{row['title']:<30}{row['slope']:>7.2f}{row['slope_upper_half']:>12.2f}"
+        print(f"{title}   {by_number(row, 'us')}")
         if "evaluations" in row:
-            pairs = zip(row["number"], row["evaluations"], strict=True)
-            points = "  ".join(f"{n:.0f}: {count:.0f}" for n, count in pairs)
-            print(f"{'  evaluations of the rates':<52}{points}")
+            print(f"{'  evaluations of the rates':<52}{by_number(row, 'evaluations')}")
     print(
         f"\n{'skip':<20}{'scene':<28}{'on us':>9}{'off us':>9}{'off/on':>9}  "
         f"{'counted a step':<24}{'on':>8}{'off':>9}{'difference':>12}"
