@@ -18,7 +18,6 @@ from vibroscreen.kernels.deck import (
     stream_of_covered_deck,
     time_to_cover,
 )
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.landing import (
     clear_falls,
     clear_landing,
@@ -26,6 +25,7 @@ from vibroscreen.kernels.landing import (
     lay_cohort,
     lay_records,
 )
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_LANDING_START,

@@ -200,9 +200,7 @@ def _legendre(nodes, k):
     return x, 2.0 / ((1.0 - x * x) * slope * slope)
 
 
-@entry(
-    "int64(vector, vector, vector, vector, vector, vector, vector, vector)"
-)
+@entry("int64(vector, vector, vector, vector, vector, vector, vector, vector)")
 def build_nodes(edge, aperture, parameter, strength, size, node_class, position, weight):
     """Write the nodes of all classes, ascending; returns how many.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from hashlib import sha256
 from typing import Any
 
@@ -20,8 +20,8 @@ from numba.core import errors
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
-from numba.core.registry import cpu_target
 from numba.core.imputils import lower_constant
+from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.types.functions import BaseFunction
 from numba.extending import models, register_model
@@ -68,6 +68,16 @@ class _Part(JITCodeLibrary):
         self._ensure_finalized()
         return 0
 
+    def _get_module_for_linking(self) -> Any:
+        """This kernel and all below it, for a function of numba's own that calls it."""
+        libraries: dict[Any, None] = {}
+        _collect(self, libraries)
+        module = _linked(libraries)
+        for function in module.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        return module
+
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _TypeWithViews(NopythonTypeInference):
@@ -108,9 +118,7 @@ class _PartCompiler(CompilerBase):
         manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
         own = {NativeLowering: _LowerPart, NopythonTypeInference: _TypeWithViews}
         manager.passes = [
-            (own.get(step, step), text)
-            for step, text in manager.passes
-            if step.name() not in IDLE
+            (own.get(step, step), text) for step, text in manager.passes if step.name() not in IDLE
         ]
         manager._finalized = False
         manager.finalize()
@@ -179,11 +187,7 @@ def intermediate_code(entries: Iterable[Entry]) -> Any:
             assert found.signature.return_type == TYPES[entry.returned], found.signature
             _collect(found.library, libraries)
             whole.link_in(llvm.parse_assembly(str(_in_c(entry, found.fndesc.llvm_func_name))))
-    kernels = [library for library in libraries if isinstance(library, _Part)]
-    whole.link_in(llvm.parse_assembly(_joined(library.text for library in kernels)))
-    for library in libraries:
-        if not isinstance(library, _Part):  # what numba itself compiles for an operator
-            whole.link_in(library._final_module, preserve=True)
+    whole.link_in(_linked(libraries))
     return whole
 
 
@@ -220,11 +224,26 @@ def _swift() -> Iterator[None]:
             gc.enable()
 
 
+def _linked(libraries: Iterable[Any]) -> Any:
+    """One module of libraries."""
+    module = llvm.parse_assembly(
+        _joined(part.text for part in libraries if isinstance(part, _Part))
+    )
+    for library in libraries:
+        if not isinstance(library, _Part):  # what numba itself compiles for an operator
+            module.link_in(library._final_module, preserve=True)
+    return module
+
+
 def _collect(library: Any, found: dict[Any, None]) -> None:
     if library not in found:
         found[library] = None
         for below in library._linking_libraries:
             _collect(below, found)
+
+
+def _renamed(pattern: re.Pattern[str], names: Mapping[str, str], text: str) -> str:
+    return pattern.sub(lambda found: names.get(found[0], found[0]), text)
 
 
 def _joined(texts: Iterable[str]) -> str:
@@ -247,7 +266,7 @@ def _joined(texts: Iterable[str]) -> str:
             elif line.startswith("@"):
                 name, _, content = line.partition(" = ")
                 if content.startswith("internal"):  # a constant of this module alone
-                    content = CONSTANT.sub(lambda found: names.get(found[0], found[0]), content)
+                    content = _renamed(CONSTANT, names, content)
                     names[name] = f'@"constant.{sha256(content.encode()).hexdigest()[:16]}"'
                     name = names[name]
                 heads[f"{name} = {content}"] = None
@@ -256,9 +275,9 @@ def _joined(texts: Iterable[str]) -> str:
                 numbers[name] = f"!{metadata.setdefault(content, len(metadata))}"
         whole = "\n".join(body)
         if any(old != new for old, new in numbers.items()):
-            whole = METADATA.sub(lambda found: numbers[found[0]], whole)
+            whole = _renamed(METADATA, numbers, whole)
         if names:
-            whole = CONSTANT.sub(lambda found: names[found[0]], whole)
+            whole = _renamed(CONSTANT, names, whole)
         bodies.append(whole)
     defined = {name for whole in bodies for name in DEFINED.findall(whole)}
     outside = [line for name, line in declared.items() if name not in defined]
@@ -322,3 +341,9 @@ def own_model(function: Callable[..., None], family: str) -> Any:
     kinds = (TYPES[kind] for kind in SUB_MODELS[family])
     plain = getattr(function, "py_func", function)
     return cfunc(types.void(*kinds), error_model="numpy")(plain)
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """A function of numba's own that may call kernels; for what the library does not hold."""
+    prepare()
+    return njit(error_model="numpy", nogil=True)(function)

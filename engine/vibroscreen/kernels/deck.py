@@ -15,8 +15,8 @@ made. Where the deck stands still (or creeps) the feed lands on top of a pile.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.landing import fall_row, fall_vector, lead_source, record_nothing
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_CELL,

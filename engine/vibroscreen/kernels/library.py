@@ -25,16 +25,24 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from vibroscreen.kernels.language import ENTRIES, Entry
 
 FOLDER = Path(__file__).parent
-# What says how kernels become code; part of the stamp.
-RECIPE = ("compiler.py", "lowering.py", "machine.py")
-SUFFIX = {"Windows": ".dll", "Darwin": ".dylib"}.get(platform.system(), ".so")
+STAMP = "engine.stamp"
+NO_KERNELS = ("__init__.py", "library.py", "registry.py")
+# Platforms by their folder in an FMU, and what a library is called there.
+HOSTS = {
+    ("Linux", "x86_64"): "linux64",
+    ("Linux", "aarch64"): "aarch64-linux",
+    ("Windows", "AMD64"): "win64",
+    ("Darwin", "x86_64"): "darwin64",
+    ("Darwin", "arm64"): "darwin64",
+}
+SUFFIX = {"linux64": ".so", "aarch64-linux": ".so", "win64": ".dll", "darwin64": ".dylib"}
 
 
 # --- stamps --------------------------------------------------------------------------------------
@@ -46,7 +54,7 @@ def cache_folder() -> Path:
 
 def sources() -> list[Path]:
     """The files of the kernels, and of what compiles them."""
-    return sorted(path for path in FOLDER.glob("*.py") if path.name != Path(__file__).name)
+    return [path for path in FOLDER.glob("*.py") if path.name not in NO_KERNELS]
 
 
 def says(text: bytes) -> str:
@@ -64,18 +72,29 @@ def says(text: bytes) -> str:
 def stamp() -> str:
     """Sixteen digits that change with what the kernels say, and with nothing else."""
     texts = {path.name: path.read_bytes() for path in sources()}
-    raw = _digest(*(piece for name, text in texts.items() for piece in (name.encode(), text)))
+    bytes_of = digest_of(texts)
     # Parsing takes longer than all the rest of a start: what bytes say is remembered.
-    note = cache_folder() / f"{raw}.stamp"
-    for known in (FOLDER / "engine.stamp", note):
+    note = cache_folder() / f"{bytes_of}.stamp"
+    for known in (FOLDER / STAMP, note):
         with contextlib.suppress(OSError, ValueError):
-            bytes_of, found = known.read_text().split()
-            if bytes_of == raw:
+            held, found = known.read_text().split()
+            if held == bytes_of:
                 return found
     found = _digest(*(says(text).encode() for text in texts.values()))
     with contextlib.suppress(OSError):
-        keep(note, f"{raw} {found}\n".encode())
+        keep(note, stamp_note(texts, found))
     return found
+
+
+def digest_of(texts: Mapping[str, bytes]) -> str:
+    """Sixteen digits that change with every byte of source files, by name."""
+    return _digest(*(piece for name in sorted(texts) for piece in (name.encode(), texts[name])))
+
+
+def stamp_note(texts: Mapping[str, bytes], found: str) -> bytes:
+    """What lies beside source files that were compiled under the stamp `found`."""
+    own = {name: text for name, text in texts.items() if name not in NO_KERNELS}
+    return f"{digest_of(own)} {found}\n".encode()
 
 
 def _digest(*parts: bytes) -> str:
@@ -169,7 +188,9 @@ def engine() -> Compiled | Plain:
     """The engine of this process (see above)."""
     chosen = os.environ.get("VIBROSCREEN_ENGINE", "")
     if chosen not in ("", "library", "jit", "python"):
-        raise RuntimeError(f"VIBROSCREEN_ENGINE = {chosen!r} is unknown: give library, jit or python")
+        raise RuntimeError(
+            f"VIBROSCREEN_ENGINE = {chosen!r} is unknown: give library, jit or python"
+        )
     if chosen == "python" or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return Plain()
     if chosen == "jit":
@@ -183,13 +204,42 @@ def runs_plain() -> bool:
     return isinstance(engine(), Plain)
 
 
+def host() -> str | None:
+    """This machine's platform, by its folder in an FMU."""
+    return HOSTS.get((platform.system(), platform.machine()))
+
+
+def library_name(target: str) -> str:
+    """File name of the library for a platform."""
+    return f"engine-{stamp()}-{target}{SUFFIX[target]}"
+
+
+def at_hand() -> dict[str, Path]:
+    """The libraries that there are, by platform; this machine's is made if it is not there."""
+    library()
+    names = {target: library_name(target) for target in SUFFIX}
+    found = {
+        target: folder / name
+        for target, name in names.items()
+        for folder in (cache_folder(), FOLDER)
+        if (folder / name).exists()
+    }
+    return found
+
+
 def library() -> Path | None:
     """The library for this machine; made first if there is none. None where it cannot be made."""
-    own = FOLDER / f"engine-{stamp()}{SUFFIX}"
-    kept = cache_folder() / own.name
-    for path in (own, kept):
+    if host() is None:
+        return None
+    name = library_name(str(host()))
+    kept = cache_folder() / name
+    for path in (FOLDER / name, kept):
         if path.exists():
             return path
+    if not (FOLDER / "machine.py").exists():
+        raise RuntimeError(
+            f"this FMU has no engine for {platform.system()} {platform.machine()}: build one there"
+        )
     with _locked(kept.with_suffix(".lock")):
         return kept if kept.exists() or _made(kept) else None
 
@@ -198,6 +248,7 @@ def _made(path: Path) -> bool:
     """Make the library of this machine in a process of its own; False without a linker."""
     if importlib.util.find_spec("ziglang") is None and not shutil.which(os.environ.get("CC", "cc")):
         return False
+    print("vibroscreen compiles its engine, once: a minute or two", file=sys.stderr, flush=True)
     command = [sys.executable, "-W", "ignore", "-m", "vibroscreen.kernels.machine", str(path)]
     plain = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
     places = os.pathsep.join(place for place in sys.path if place)

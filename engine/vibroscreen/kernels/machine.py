@@ -26,6 +26,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from vibroscreen.errors import ConfigError
+from vibroscreen.kernels import library
 from vibroscreen.kernels.language import ENTRIES, Entry
 
 # Of the C library, what a sub-model of one's own may take; the kernels take only what is exact.
@@ -47,14 +48,13 @@ class Platform:
     """A platform by its folder in an FMU.
 
     triple: as LLVM names it; cpus: builds for one processor or another, the plainest first, by the
-    suffix of their names; zig: as the linker names the platform; suffix: of a library; wheel: as
-    pip names it; flags: for the linker; other: what lies beside it in a library for two.
+    suffix of their names; zig: as the linker names the platform; wheel: as pip does; flags: for
+    the linker; other: what lies beside it in a library for two.
     """
 
     triple: str
     cpus: Mapping[str, str]
     zig: str
-    suffix: str
     wheel: str
     flags: tuple[str, ...] = ()
     other: Platform | None = None
@@ -67,16 +67,14 @@ PLATFORMS = {
         "x86_64-unknown-linux-gnu",
         X86,
         "x86_64-linux-gnu.2.17",
-        ".so",
         "manylinux_2_17_x86_64",
         ELF,
     ),
-    "win64": Platform("x86_64-w64-windows-gnu", X86, "x86_64-windows-gnu", ".dll", "win_amd64"),
+    "win64": Platform("x86_64-w64-windows-gnu", X86, "x86_64-windows-gnu", "win_amd64"),
     "aarch64-linux": Platform(
         "aarch64-unknown-linux-gnu",
         {"plain": "generic"},
         "aarch64-linux-gnu.2.17",
-        ".so",
         "manylinux_2_17_aarch64",
         ELF,
     ),
@@ -84,29 +82,20 @@ PLATFORMS = {
         "x86_64-apple-macosx11.0.0",
         {"plain": "x86-64"},
         "x86_64-macos.11.0",
-        ".dylib",
         "macosx_11_0_universal2",
         other=Platform(
             "arm64-apple-macosx11.0.0",
             {"plain": "apple-m1"},
             "aarch64-macos.11.0",
-            ".dylib",
             "macosx_11_0_universal2",
         ),
     ),
-}
-HOSTS = {
-    ("Linux", "x86_64"): "linux64",
-    ("Linux", "aarch64"): "aarch64-linux",
-    ("Windows", "AMD64"): "win64",
-    ("Darwin", "x86_64"): "darwin64",
-    ("Darwin", "arm64"): "darwin64",
 }
 
 
 def host() -> str:
     """This machine's platform. Raises ConfigError where there is none."""
-    found = HOSTS.get((platform.system(), platform.machine()))
+    found = library.host()
     if found is None:
         raise ConfigError(
             f"platform = {platform.system()} {platform.machine()} has no default: give --platform, "
@@ -172,6 +161,20 @@ def objects(code: bytes, target: Platform) -> list[bytes]:
 
     with ThreadPoolExecutor() as pool:
         return list(pool.map(emit, target.cpus))
+
+
+def object_of(module: Any, triple: str, cpu: str, shown: Sequence[str]) -> bytes:
+    """Object file of a module for a target, with the functions `shown` to what is linked with it.
+
+    Raises ConfigError for a sub-model of one's own that calls what the C library has not.
+    """
+    machine = _machine(triple, cpu, reloc="pic")
+    _optimise(module, machine, triple, shown)
+    for name in shown:
+        module.get_function(name).visibility = "hidden"
+    _check_needs((f.name for f in module.functions if f.is_declaration), MATHEMATICS | NEEDED)
+    emitted: bytes = machine.emit_object(module)
+    return emitted
 
 
 def _check_needs(declared: Iterable[str], known: set[str]) -> None:
@@ -257,7 +260,8 @@ def choosing(builds: Sequence[str]) -> str:
             "__attribute__((constructor)) static void choose(void) {",
             '    const char *kept = getenv("VIBROSCREEN_PROCESSOR");',
             "    __builtin_cpu_init();",
-            f'    if ((kept && !strcmp(kept, "plain")) || !__builtin_cpu_supports("x86-64-{builds[-1]}"))',
+            '    int plain = kept && !strcmp(kept, "plain");',
+            f'    if (plain || !__builtin_cpu_supports("x86-64-{builds[-1]}"))',
             "        return;",
             *choices,
             "}",
@@ -285,14 +289,14 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
             f"platform = {chosen.triple} cannot be linked by {command[0]}, only this machine's: "
             "pip install ziglang (pip install 'vibroscreen[native]')"
         )
-    if chosen.suffix == ".dylib":
+    if "apple" in chosen.triple:
         target += (f"-Wl,-install_name,@rpath/{name}.dylib",)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         for title, content in files.items():
             place.joinpath(title).write_bytes(content)
         parts = [title for title in files if title.endswith((".c", ".o"))]
-        made = place / f"{name}{chosen.suffix}"
+        made = place / f"{name}.library"
         arguments = (*target, *COMMON, *chosen.flags, *flags)
         run = subprocess.run(
             (*command, *parts, *arguments, "-o", made.name, "-lm"),
@@ -337,8 +341,6 @@ def universal(*parts: bytes) -> bytes:
 
 def main(path: Path, target: str) -> None:
     """Make the engine library of a platform at a path."""
-    from vibroscreen.kernels import library
-
     library.keep(path, engine_library(library.kept_code(), target))
 
 

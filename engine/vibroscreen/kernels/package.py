@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 from vibroscreen.kernels.elementary import raised
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.landing import record_knot
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
