@@ -155,6 +155,11 @@ class Engine:
         for target, path in library.at_hand().items():
             if target in PLATFORMS:
                 found[f"{home}/{path.name}"] = path.read_bytes()
+        if len(found) == 1:
+            raise ConfigError(
+                "the FMU needs the engine as a library, and nothing here can link one: "
+                "pip install ziglang (pip install 'vibroscreen[native]'), or install a C compiler"
+            )
         return found
 
 

@@ -134,7 +134,9 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
     if (screen->logging && screen->logger) {
         Message message = {.used = 0};
         tell(&message, TEXT[text], &told);
-        screen->logger(screen->environment, screen->name, fmi2Error, "logStatusError", "%s", message.text);
+        /* A host takes the message for a format; some show it as it is. Both get what was meant. */
+        const char *format = strchr(message.text, '%') ? "%s" : message.text;
+        screen->logger(screen->environment, screen->name, fmi2Error, "logStatusError", format, message.text);
     }
     return fmi2Error;
 }
