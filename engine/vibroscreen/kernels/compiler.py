@@ -7,9 +7,10 @@ all of them (library.py). What numba made of a kernel is kept by what it says.
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from typing import Any
 
@@ -26,7 +27,8 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.types.functions import BaseFunction
 from numba.extending import models, register_model
 
-from vibroscreen.kernels import lowering
+from vibroscreen.kernels import kept, lowering
+from vibroscreen.kernels.kept import Store
 from vibroscreen.kernels.language import ENTRIES, KERNELS, SUB_MODELS, Entry
 from vibroscreen.kernels.lowering import TYPES
 
@@ -56,6 +58,9 @@ class _Part(JITCodeLibrary):
     @property
     def codegen(self) -> Any:
         return _NoEnvironment(self._codegen)
+
+    text = ""
+    foreign: Sequence[bytes] = ()  # what numba itself compiled for operators, as bitcode
 
     def add_ir_module(self, ir_module: Any) -> None:
         self.text = str(ir_module)
@@ -125,6 +130,9 @@ class _PartCompiler(CompilerBase):
         return [manager]
 
 
+_recipe = functools.cache(kept.recipe)
+
+
 def _dispatcher(function: Callable[..., Any]) -> Any:
     # error_model="numpy": a division by zero gives inf, not an exception path in every loop.
     # Kernels allocate nothing, and what they view is owned by who called them: nothing is counted.
@@ -151,6 +159,21 @@ def _no_value(context: Any, _builder: Any, _kind: Any, _value: Any) -> Any:
 
 
 _dispatchers: dict[Any, Any] = {}
+_by_name: dict[str, Any] = {}
+# Name of a kernel, types that it takes, type that it gives: by its library.
+_owners: dict[Any, tuple[str, Any, Any]] = {}
+
+
+def _compile_kernel(name: str, kinds: Any) -> tuple[Any, Any]:
+    """Library of a kernel, and the type that it gives."""
+    dispatcher = _by_name[name]
+    dispatcher.compile(kinds)
+    found = dispatcher.overloads[kinds]
+    return found.library, found.signature.return_type
+
+
+def _new_part(name: str) -> _Part:
+    return _Part(cpu_target.target_context.codegen(), name)
 
 
 def prepare() -> None:
@@ -170,6 +193,8 @@ def prepare() -> None:
                 return resolve(tuple(types.unliteral(kind) for kind in arguments), keywords)
 
             made.get_call_template = plain
+            made._cache = Store(function, _recipe(), _compile_kernel, _new_part, _owners)
+            _by_name[f"{function.__module__}.{function.__qualname__}"] = made
             context.insert_global(known, _KernelType(made))
 
 
@@ -188,6 +213,7 @@ def intermediate_code(entries: Iterable[Entry]) -> Any:
             _collect(found.library, libraries)
             whole.link_in(llvm.parse_assembly(str(_in_c(entry, found.fndesc.llvm_func_name))))
     whole.link_in(_linked(libraries))
+    kept.throw_away()
     return whole
 
 
@@ -225,13 +251,15 @@ def _swift() -> Iterator[None]:
 
 
 def _linked(libraries: Iterable[Any]) -> Any:
-    """One module of libraries."""
-    module = llvm.parse_assembly(
-        _joined(part.text for part in libraries if isinstance(part, _Part))
-    )
-    for library in libraries:
-        if not isinstance(library, _Part):  # what numba itself compiles for an operator
-            module.link_in(library._final_module, preserve=True)
+    """One module of kernels, and of what numba itself compiled for operators in them."""
+    parts = [library for library in libraries if isinstance(library, _Part)]
+    module = llvm.parse_assembly(_joined(part.text for part in parts))
+    for code in dict.fromkeys(code for part in parts for code in part.foreign):
+        own = llvm.parse_bitcode(code)
+        for function in own.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        module.link_in(own)
     return module
 
 
