@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
@@ -16,6 +19,8 @@ from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
+from vibroscreen_fmu.drawing import drawn
+from vibroscreen_fmu.icons import PICTURES
 from vibroscreen_fmu.port import UNITS, Port
 from vibroscreen_fmu.ports import ENUMERATIONS, ports
 from vibroscreen_fmu.python_slave import configured
@@ -310,3 +315,14 @@ def test_shipped_screens_do_what_they_are_for(path: Path) -> None:
         (result.undersize, result.oversize, *result.intermediate), streams, strict=True
     ):
         assert found.mass_flow_rate == pytest.approx(expected.mass_flow_rate, abs=1e-4 * fed)
+
+
+def test_pictures_are_those_that_are_drawn() -> None:
+    """The files beside the sources, but for what versions of the library draw differently."""
+    for name, content in drawn().items():
+        now, kept = (
+            np.asarray(Image.open(file).convert("RGBA"), dtype=float)
+            for file in (io.BytesIO(content), PICTURES / name)
+        )
+        assert now.shape == kept.shape
+        assert np.abs(now - kept).mean() < 2.0

@@ -5,89 +5,26 @@ terminalsAndIcons.xml is that of FMI 3.0, which tools for FMI 2.0 read as well.
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from pathlib import Path
 
 from lxml import etree
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
-from PIL import Image
 
 from vibroscreen_fmu.port import Port
 
-__all__ = ["COARSE", "FINE", "STEEL", "model_png", "png", "terminal_files"]
+__all__ = ["PICTURES", "model_png", "terminal_files"]
 
 FOLDER = "terminalsAndIcons"
 STREAM = re.compile(r"(.+)\.(mass_flow_rate|mass_fraction\[\d+\])")
 STREAM_KIND = "solids_stream"
 # The diagram is 200 wide and high, a terminal 20.
 HALF, TERMINAL = 100, 10
-
-STEEL, PLATE, COARSE, FINE, RIM = "#2b3a42", "#dfe5e9", "#b07d48", "#d9b382", "#5d4226"
-ARROW = "#c0392b"
-COLOURS = 64
-
-
-def png(draw: Callable[[Axes], None], pixels: int = 256) -> bytes:
-    """A square picture of what `draw` draws between 0 and 10, on nothing."""
-    figure = Figure(figsize=(pixels / 100, pixels / 100), dpi=100)
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, 10), ylim=(0, 10))
-    axes.set_axis_off()
-    draw(axes)
-    drawn, target = io.BytesIO(), io.BytesIO()
-    # Without the library's name the picture is the same for every version that draws the same.
-    figure.savefig(drawn, format="png", transparent=True, metadata={"Software": None})
-    few = Image.open(drawn).convert("RGBA").quantize(COLOURS)
-    few.save(target, format="png", optimize=True)
-    return target.getvalue()
-
+PICTURES = Path(__file__).with_name("pictures")  # made by drawing.py
 
 def model_png() -> bytes:
-    """A screen: a sloping deck in a box on springs, grains over and under it, its vibration."""
-    return png(_draw_screen)
-
-
-def _draw_screen(axes: Axes) -> None:
-    slope = -0.2
-
-    def deck(x: float) -> float:
-        return 5.6 + slope * (x - 0.6)
-
-    box = [(0.6, 2.2), (0.6, -1.5), (9.4, -1.5), (9.4, 2.2)]
-    axes.add_patch(Polygon([(x, deck(x) + dy) for x, dy in box], fc=PLATE, ec=STEEL, lw=2))
-    for left in (0.7 + 0.62 * k for k in range(14)):
-        ends = (left, left + 0.38)
-        axes.plot(ends, [deck(x) for x in ends], color=STEEL, lw=4, solid_capstyle="butt")
-    for x in (1.6, 8.4):  # springs
-        top = deck(x) - 1.5
-        zigzag = [(x + 0.3 * (-1) ** k, top - (k + 0.5) * (top - 0.7) / 6) for k in range(6)]
-        points = [(x, top), *zigzag, (x, 0.7)]
-        axes.plot(*zip(*points, strict=True), color=STEEL, lw=2)
-        axes.plot((x - 0.6, x + 0.6), (0.6, 0.6), color=STEEL, lw=3)
-    for x, height, radius in (
-        (1.3, 0.55, 0.4),
-        (1.9, 1.3, 0.46),
-        (2.4, 0.55, 0.36),
-        (3.5, 0.6, 0.46),
-        (4.6, 0.52, 0.36),
-        (5.7, 0.6, 0.46),
-        (7.1, 0.55, 0.42),
-        (8.6, 0.6, 0.48),
-    ):
-        axes.add_patch(Circle((x, deck(x) + height), radius, fc=COARSE, ec=RIM))
-    for x, fall in ((1.4, 0.6), (2.1, 1.1), (2.9, 0.6), (3.7, 1.1), (4.9, 0.7), (6.2, 1.0)):
-        axes.add_patch(Circle((x, deck(x) - fall), 0.17, fc=FINE, ec=RIM))
-    arrow = {"arrowstyle": "<|-|>", "color": ARROW, "lw": 3, "mutation_scale": 16}
-    axes.annotate("", xy=(7.4, 9.7), xytext=(5.4, 7.7), arrowprops=arrow)
-
-
-def _draw_stream(axes: Axes) -> None:
-    arrow = {"arrowstyle": "-|>", "color": RIM, "lw": 6, "mutation_scale": 30}
-    axes.annotate("", xy=(9.6, 5.0), xytext=(0.4, 5.0), arrowprops=arrow)
+    """The picture of a screen."""
+    return PICTURES.joinpath("model.png").read_bytes()
 
 
 def terminal_files(ports: Iterable[Port], picture: bytes) -> dict[str, bytes]:
@@ -134,7 +71,7 @@ def terminal_files(ports: Iterable[Port], picture: bytes) -> dict[str, bytes]:
     return {
         f"{FOLDER}/terminalsAndIcons.xml": xml,
         f"{FOLDER}/icon.png": picture,
-        f"{FOLDER}/stream.png": png(_draw_stream, 32),
+        f"{FOLDER}/stream.png": PICTURES.joinpath("stream.png").read_bytes(),
     }
 
 

@@ -141,8 +141,25 @@ class Engine:
         """Whether anything is compiled: if not, the host needs no compiler."""
         return KERNELS in self.package
 
+    @property
+    def platforms(self) -> tuple[str, ...]:
+        """Platforms that a slave runs on: those of pythonfmu's library, with an engine at hand.
+
+        Raises ConfigError where there is none.
+        """
+        return tuple(self._at_hand()) if self.has_kernels else PLATFORMS
+
+    def _at_hand(self) -> dict[str, Path]:
+        found = {name: path for name, path in library.at_hand().items() if name in PLATFORMS}
+        if not found:
+            raise ConfigError(
+                "the FMU needs the engine as a library, and nothing here can link one: "
+                "pip install ziglang (pip install 'vibroscreen[native]'), or install a C compiler"
+            )
+        return found
+
     def libraries(self) -> Files:
-        """The engine for the platforms that pythonfmu's library runs on, as far as at hand."""
+        """The engine for these platforms, and what it was compiled from."""
         if not self.has_kernels:
             return {}
         home = self.package[KERNELS]
@@ -152,14 +169,8 @@ class Engine:
             if name.startswith(f"{home}/")
         }
         found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamp())}
-        for target, path in library.at_hand().items():
-            if target in PLATFORMS:
-                found[f"{home}/{path.name}"] = path.read_bytes()
-        if len(found) == 1:
-            raise ConfigError(
-                "the FMU needs the engine as a library, and nothing here can link one: "
-                "pip install ziglang (pip install 'vibroscreen[native]'), or install a C compiler"
-            )
+        for path in self._at_hand().values():
+            found[f"{home}/{path.name}"] = path.read_bytes()
         return found
 
 
@@ -270,7 +281,7 @@ def write_model(model: Model, folder: Path) -> Path:
     files = {
         **model_files(model, description, (needs,), LICENCE),
         "documentation/licenses/pythonfmu.txt": _pythonfmu_license(),
-        **_pythonfmu_binaries(model.name),
+        **_pythonfmu_binaries(model.name, parts.platforms),
         **{f"resources/{name}": content for name, content in resources.items()},
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -424,12 +435,12 @@ def _pythonfmu_sources() -> Files:
     }
 
 
-def _pythonfmu_binaries(model: str) -> Files:
+def _pythonfmu_binaries(model: str, platforms: Iterable[str]) -> Files:
     folder = importlib.resources.files("pythonfmu") / "resources" / "binaries"
     return {
-        f"binaries/{system.name}/{model}{Path(file.name).suffix}": file.read_bytes()
-        for system in folder.iterdir()
-        for file in system.iterdir()
+        f"binaries/{name}/{model}{Path(file.name).suffix}": file.read_bytes()
+        for name in platforms
+        for file in (folder / name).iterdir()
     }
 
 

@@ -8,7 +8,7 @@ from matplotlib.patches import Circle, Polygon
 from components.mixer import Rates
 from components.slaves import UNIT_FILE, ConveyorSlave, CrusherSlave, MixerSlave, Unit, UnitSlave
 from vibroscreen.units import MM
-from vibroscreen_fmu.icons import COARSE, FINE, STEEL, png
+from vibroscreen_fmu.drawing import COARSE, FINE, STEEL, png
 from vibroscreen_fmu.package import Model
 
 __all__ = ["conveyor_model", "crusher_model", "mixer_model"]
