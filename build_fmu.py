@@ -102,7 +102,9 @@ def main(
         screen = ScreenConfig.default() if config is None else ScreenConfig.load(config)
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         with Progress(*columns, console=errors, transient=True) as progress:
-            progress.add_task("building; the engine is compiled once per version")
+            progress.add_task(
+                "building; the engine is compiled once per version, in a minute or two"
+            )
             chosen = RUNTIMES if runtime == "both" else (runtime,)
             paths = [build(screen, output, one, platform or ()) for one in chosen]
     except (ConfigError, OSError, RuntimeError) as error:

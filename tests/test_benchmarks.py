@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from tests.benchmarks.baseline import (
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Segregation, Solver
 from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import library
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()
@@ -327,7 +327,7 @@ def test_dem_cases_are_those_of_the_data(tmp_path: Path) -> None:
 
 
 def test_start_is_timed_in_fresh_processes(tmp_path: Path) -> None:
-    cache = Path(os.environ["NUMBA_CACHE_DIR"])
+    cache = library.cache_folder().parent
     laps = import_time.medians([import_time.run_fresh(import_time.FIRST, cache)])
     assert list(laps) == [
         "import vibroscreen",

@@ -14,14 +14,14 @@ from vibroscreen import screen as screen_module
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import package, rates, schemes
+from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
-from vibroscreen.kernels.jit import kernel
 from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0
 
 
-@kernel
+@compiled
 def march_explicit(buffer, scene_, layers, h, steps, scheme):
     """Steps of one length of an explicit scheme, from the block NOW; five stages if stabilised.
 
@@ -40,7 +40,7 @@ def march_explicit(buffer, scene_, layers, h, steps, scheme):
         schemes.take_explicit(buffer, layers, False)
 
 
-@kernel
+@compiled
 def march_implicit(buffer, scene_, layers, h, steps):
     """The same of the implicit scheme, extrapolated to order 3."""
     for _ in range(steps):

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numba import njit
 from numba.core.errors import TypingError
 
 from vibroscreen import Feed, Screen, ScreenConfig
@@ -31,8 +30,15 @@ from vibroscreen.kernels.fours import (
     put_four_in,
     total,
 )
-from vibroscreen.kernels.jit import kernel
 from vibroscreen.size_classes import SizeClasses
+
+if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+
+    def compiled(function):
+        return function
+
+else:
+    from vibroscreen.kernels.compiler import compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 WIDTH = 12
@@ -41,7 +47,7 @@ WIDTH = 12
 numbers = arrays(np.float64, WIDTH, elements=st.floats(-1e100, 1e100))
 
 
-@kernel
+@compiled
 def everything(values, rows, out):
     """Every operation once; sum and largest number of rows[1]."""
     whole, most = all_four(0.0), all_four(0.0)
@@ -101,7 +107,7 @@ def test_padding(count: int, padded: int) -> None:
 def test_other_arrays_are_refused(values: np.ndarray) -> None:
     """What is not doubles one after the other would be read as something else."""
 
-    @njit
+    @compiled
     def read(values):
         return total(four(values, 0))
 

@@ -20,6 +20,7 @@ import build_fmu
 from circuit_of_fmus import ELEMENTS, expected_load, main, write_circuit, write_ssp
 from tests import masters
 from vibroscreen.config import ScreenConfig
+from vibroscreen.kernels import library
 
 ROOT = Path(__file__).parents[1]
 # Coupling delays a stream by up to a step at every element. A steady state does not know of delays:
@@ -52,7 +53,7 @@ def circuit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def cofmupy() -> Path:
     """Folder of packages that come before those that are here; kept beside compiled kernels."""
     tag = hashlib.sha256(repr((sys.version, COFMUPY)).encode()).hexdigest()[:16]
-    kept = Path(os.environ["NUMBA_CACHE_DIR"]).parent / f"cofmupy-{tag}"
+    kept = library.cache_folder() / f"cofmupy-{tag}"
     if not kept.is_dir():
         kept.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=kept.parent) as folder:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,6 @@ from vibroscreen.kernels import registry
 from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
-from vibroscreen.kernels.jit import is_ready
 from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.step import PRESCRIBED
@@ -34,7 +32,6 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
 
 Array = NDArray[np.float64]
-_LOG = logging.getLogger(__name__)
 
 MOST_DECKS = 4
 SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of a computer
@@ -181,8 +178,6 @@ class Screen:
 
     def __init__(self, config: ScreenConfig) -> None:
         check_supported(config)
-        if not is_ready(run):
-            _LOG.warning("vibroscreen compiles its kernels, once a version: two to four minutes")
         self.config = config
         self.nodes = nodes_of(config)
         self.layout = _layout(config, self.nodes.count, packages=True)

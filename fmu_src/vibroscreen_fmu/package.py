@@ -12,22 +12,16 @@ import hashlib
 import importlib.metadata
 import importlib.resources
 import importlib.util
-import os
-import platform
 import re
-import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import llvmlite.binding
-import numba
-
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.kernels import library
 from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.screen import check_supported
 from vibroscreen.units import MM
@@ -109,11 +103,10 @@ STATUS = (
     "file. Paths with characters outside of ASCII, # or + crash it."
 )
 LICENCE = "MIT. The licence of pythonfmu lies beside this page."
-# What is vendored under one name, from the ground up. Kernels are apart, for they are compiled.
+# What is vendored under one name, from the ground up. Kernels are apart, as their library is.
 KERNELS, ENGINE, ADAPTER = "vibroscreen.kernels", "vibroscreen", "vibroscreen_fmu"
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # the first that a zip can say
-# Addresses of functions in the comments of a compiled kernel.
-ADDRESS = re.compile(rb"(?<= at 0x)[0-9a-f]+(?=>)")
+PLATFORMS = ("linux64", "win64")  # of pythonfmu's library
 
 SCRIPT = '''"""The slave module: pythonfmu runs it by name, so the name is unique to this build."""
 
@@ -127,24 +120,6 @@ take_reference(globals())
 del {kind}  # the library looks through every class that has a name here
 '''
 IMPORTS = "from {module} import {kind}"
-COMPILED_IMPORTS = """from numba import config
-
-# Compiled kernels lie beside their sources, whatever cache the host uses for its own.
-kept, config.CACHE_DIR = config.CACHE_DIR, ""
-from {module} import {kind}
-
-config.CACHE_DIR = kept"""
-# Runs in a process of its own: puts compiled kernels beside their sources.
-COMPILE = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from numba import types
-from {package}.entry import run
-from {package}.jit import VECTOR
-run.compile((VECTOR, types.intp, types.float64, types.float64))
-"""
-# The kernel that a screen calls; what it calls is inside it.
-ENTRY = "entry.run-"
 
 
 @dataclass(frozen=True)
@@ -166,41 +141,26 @@ class Engine:
         """Whether anything is compiled: if not, the host needs no compiler."""
         return KERNELS in self.package
 
-    def compiled(self) -> Files:
-        """Compiled kernels for this machine, as numba caches them beside their sources.
-
-        Takes a minute or two the first time; the user's cache folder keeps them.
-        """
+    def libraries(self) -> Files:
+        """The engine for the platforms that pythonfmu's library runs on, as far as at hand."""
         if not self.has_kernels:
             return {}
-        host = (sys.version, numba.__version__, llvmlite.binding.get_host_cpu_name())
-        features = llvmlite.binding.get_host_cpu_features().flatten()
-        key = _hash(repr((self.package[KERNELS], *host, features)).encode())
-        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        kept = caches / "vibroscreen" / f"kernels-{key}"
-        if not kept.is_dir():
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
-                stage, result = Path(folder, "stage"), Path(folder, "result")
-                _write(stage, self.sources)
-                self._compile(stage)
-                _write(result, _compiled_entry(stage))
-                try:
-                    result.rename(kept)
-                except OSError:
-                    if not kept.is_dir():  # else another process was faster
-                        raise
-        return _read(kept)
-
-    def _compile(self, stage: Path) -> None:
-        script = COMPILE.format(package=self.package[KERNELS])
-        # The same bytes every time: no settings of the caller, no random order of sets.
-        plain = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
-        subprocess.run(
-            [sys.executable, "-c", script, str(stage)],
-            check=True,
-            env={**plain, "PYTHONHASHSEED": "0"},
-        )
+        home = self.package[KERNELS]
+        texts = {
+            name.removeprefix(f"{home}/"): text
+            for name, text in self.sources.items()
+            if name.startswith(f"{home}/")
+        }
+        found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamp())}
+        for target, path in library.at_hand().items():
+            if target in PLATFORMS:
+                found[f"{home}/{path.name}"] = path.read_bytes()
+        if len(found) == 1:
+            raise ConfigError(
+                "the FMU needs the engine as a library, and nothing here can link one: "
+                "pip install ziglang (pip install 'vibroscreen[native]'), or install a C compiler"
+            )
+        return found
 
 
 @dataclass(frozen=True)
@@ -290,10 +250,9 @@ def write_model(model: Model, folder: Path) -> Path:
     parts = engine(module)
     build = build_of(model, parts)
     script = f"{model.name}_{build}"
-    imports = COMPILED_IMPORTS if parts.has_kernels else IMPORTS
     resources = {
         f"{script}.py": SCRIPT.format(
-            imports=imports.format(module=parts.module, kind=kind),
+            imports=IMPORTS.format(module=parts.module, kind=kind),
             adapter=parts.package[ADAPTER],
             kind=kind,
             model=model.name,
@@ -304,7 +263,7 @@ def write_model(model: Model, folder: Path) -> Path:
         **model.resources,
         **_pythonfmu_sources(),
         **parts.sources,
-        **parts.compiled(),
+        **parts.libraries(),
     }
     description = model_description(model.name, model.ports, model.description)
     needs = ("What the host needs", (_needs(parts), STATUS))
@@ -378,11 +337,7 @@ def _needs(parts: Engine) -> str:
         "host that is not Python itself must find libpython."
     )
     if parts.has_kernels:
-        text += (
-            f" The kernels are compiled for Python {platform.python_version()} and the processor "
-            "of the machine that built the FMU; elsewhere the first instance compiles them, which "
-            "takes a minute or two."
-        )
+        text += " The engine is inside, as machine code: nothing is compiled on the host."
     return text
 
 
@@ -486,40 +441,6 @@ def _pythonfmu_license() -> bytes:
 # --- files ---------------------------------------------------------------------------------------
 def _hash(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:12]
-
-
-def _compiled_entry(stage: Path) -> Files:
-    """What numba wrote beside the sources, as far as a slave needs it."""
-    files = {
-        path.relative_to(stage).as_posix(): _anonymous(path.read_bytes(), stage)
-        for path in stage.rglob("*.nb[ci]")
-        if path.name.startswith(ENTRY)
-    }
-    assert len(files) > 1, "the compiled entry and its index are not where they are expected"
-    return files
-
-
-def _anonymous(compiled: bytes, stage: Path) -> bytes:
-    """A compiled kernel without what differs from process to process; its length stays."""
-    place = str(stage).encode()
-    compiled = compiled.replace(place, b"." * len(place))
-    return ADDRESS.sub(lambda address: b"0" * len(address[0]), compiled)
-
-
-def _write(folder: Path, files: Mapping[str, bytes]) -> None:
-    folder.mkdir(exist_ok=True)
-    for name, content in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-
-
-def _read(folder: Path) -> Files:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
 
 
 def write_zip(path: Path, files: Mapping[str, bytes]) -> None:

@@ -15,8 +15,7 @@ has columns. With a CFL number of 1/2 a column is the mean of itself and its nei
 its Euler step, so in a steady state the rates are those of the midpoint: second order along the
 deck, by luck of taking displacement and rates in turn. The benchmark tries both.
 
-Kernels here are kept by the stamp of the engine's kernels: after an edit of this file empty the
-cache of numba (NUMBA_CACHE_DIR).
+Kernels here are compiled by numba in every process.
 """
 
 from __future__ import annotations
@@ -30,8 +29,9 @@ from scipy.interpolate import PchipInterpolator
 
 from vibroscreen import Feed, Motion, Screen
 from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
     S_COVER,
@@ -125,7 +125,7 @@ def euler_step(choice, scene, node, load, layers, down, h):
     return layers
 
 
-@kernel
+@compiled
 def march(choice, scene, node, load, layers, down, duration, steps):
     """A column through `duration` s in equal steps; returns the number of layers."""
     h = duration / steps
@@ -134,7 +134,7 @@ def march(choice, scene, node, load, layers, down, duration, steps):
     return layers
 
 
-@kernel
+@compiled
 def march_heun(choice, scene, node, loads, layers, down, duration, steps):
     """As `march` for loads[0], by Heun's method: the mean of the start and of two Euler steps on.
 
@@ -160,7 +160,7 @@ def march_heun(choice, scene, node, loads, layers, down, duration, steps):
     return layers
 
 
-@kernel
+@compiled
 def settle(scene, load, rows):
     """Cut a column anew at the full loads of its layers; returns the number of layers."""
     nodes = load.shape[1]
@@ -210,7 +210,7 @@ def advect(cell, layers, column, source, source_layers, courant):
     return rows
 
 
-@kernel
+@compiled
 def march_cells(choice, scene, node, cell, layers, feed, down, clock):
     """Columns of cells through clock[0] steps of clock[1] s at the CFL number clock[2].
 

@@ -1,10 +1,9 @@
-"""What starting costs: import, first call with and without kept kernels, an FMU's first step.
+"""What starting costs: import, first call with and without a kept engine, an FMU's first step.
 
     python tests/benchmarks/import_time.py [--repeat N] [--output DIR] [--quick]
 
-Each in a fresh process, s on the clock, medians of several; without kept kernels once (they are
-compiled, about a minute on an idle machine, and once more by an FMU that has none: not with
---quick). Writes import_time.json.
+Each in a fresh process, s on the clock, medians of several; without a kept engine once (it is
+compiled, about a minute: not with --quick). Writes import_time.json.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from build_fmu import build
 from tests.benchmarks.output import write_json
 from vibroscreen import ScreenConfig
+from vibroscreen.kernels import library
 
 Row = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,8 +88,8 @@ shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_fresh(script: str, cache: Path, *arguments: str, paths: bool = True) -> dict[str, float]:
-    """Times in s that a script prints from a process of its own, kernels kept in `cache`."""
-    variables = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    """Times in s that a script prints from a process of its own, the engine kept in `cache`."""
+    variables = {**os.environ, "XDG_CACHE_HOME": str(cache)}
     variables["PYTHONPATH"] = os.pathsep.join(str(ROOT / part) for part in PARTS) if paths else ""
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
@@ -105,16 +104,6 @@ def run_fresh(script: str, cache: Path, *arguments: str, paths: bool = True) -> 
     return laps
 
 
-def without_kernels(fmu: Path, folder: Path) -> Path:
-    """The FMU as another machine sees it: nothing in it is compiled."""
-    path = folder / fmu.name
-    with zipfile.ZipFile(fmu) as whole, zipfile.ZipFile(path, "w") as part:
-        for name in whole.namelist():
-            if "__pycache__" not in name:
-                part.writestr(name, whole.read(name))
-    return path
-
-
 def medians(runs: list[dict[str, float]]) -> dict[str, float]:
     """Median of every time."""
     return {name: statistics.median(run[name] for run in runs) for name in runs[0]}
@@ -123,7 +112,7 @@ def medians(runs: list[dict[str, float]]) -> dict[str, float]:
 def main(repeat: int = 7, output: Path | None = None, *, quick: bool = False) -> Row:
     """Measure, print, and write into `output` if it is given.
 
-    Quick: two runs with the kernels that are kept already, where this process finds them.
+    Quick: two runs with the engine that is kept already.
     """
     repeat = 2 if quick else repeat
     found: Row = {"machine": platform.processor() or platform.machine(), "repeat": repeat}
@@ -133,16 +122,11 @@ def main(repeat: int = 7, output: Path | None = None, *, quick: bool = False) ->
         Progress(*columns, console=Console(stderr=True)) as progress,
     ):
         whole = progress.add_task("cold", total=2 + 3 * repeat)
-        kept = os.environ.get("NUMBA_CACHE_DIR") if quick else None
-        cache = Path(kept) if kept else Path(folder, "cache")
+        cache = library.cache_folder().parent if quick else Path(folder, "cache")
         cold = {} if quick else run_fresh(FIRST, cache)
         progress.update(whole, advance=1, description="build the FMU")
         path = build(ScreenConfig.default(), Path(folder))
         progress.advance(whole)
-        if not quick:
-            bare = Path(folder, "bare")
-            bare.mkdir()
-            cold |= run_fresh(FMU, bare / "cache", str(without_kernels(path, bare)), paths=False)
         run_fresh(FIRST, cache)
         runs: dict[str, list[dict[str, float]]] = {"numba": [], "warm": [], "fmu": []}
         for _ in range(repeat):
@@ -151,13 +135,13 @@ def main(repeat: int = 7, output: Path | None = None, *, quick: bool = False) ->
             progress.advance(whole)
             runs["warm"].append(run_fresh(FIRST, cache))
             progress.advance(whole)
-            # The FMU brings its own kernels and knows nothing of this source tree.
+            # The FMU brings its own engine and knows nothing of this source tree.
             runs["fmu"].append(run_fresh(FMU, Path(folder, "fmu_cache"), str(path), paths=False))
             progress.advance(whole)
     found["numba"] = medians(runs["numba"])
     found["warm"], found["fmu"] = medians(runs["warm"]), medians(runs["fmu"])
     found["cold"] = cold
-    print(f"{'fresh process, s':<28}{'kept kernels':>14}{'none kept':>12}{'over':>8}")
+    print(f"{'fresh process, s':<28}{'kept engine':>14}{'none kept':>12}{'over':>8}")
     for name, spent in {**found["numba"], **found["warm"], **found["fmu"]}.items():
         line = f"{name:<28}{spent:>14.4f}"
         if name in cold:
@@ -183,6 +167,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--output", type=Path, default=Path("dist/benchmarks"))
-    parser.add_argument("--quick", action="store_true", help="two runs, kept kernels only")
+    parser.add_argument("--quick", action="store_true", help="two runs, kept engine only")
     arguments = parser.parse_args()
     main(arguments.repeat, arguments.output, quick=arguments.quick)

@@ -18,7 +18,6 @@ from vibroscreen.kernels.deck import (
     stream_of_covered_deck,
     time_to_cover,
 )
-from vibroscreen.kernels.jit import inlined, kernel
 from vibroscreen.kernels.landing import (
     clear_falls,
     clear_landing,
@@ -26,6 +25,7 @@ from vibroscreen.kernels.landing import (
     lay_cohort,
     lay_records,
 )
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_LANDING_START,
@@ -67,7 +67,7 @@ def all_covered(buffer):
     return True
 
 
-@inlined
+@kernel
 def piece_of(buffer, left, duration):
     """Length of the next piece of the top deck, s."""
     if covered(buffer, 0):
@@ -99,7 +99,7 @@ def advance_decks(buffer, duration):
         left = 0.0 if piece == left else left - piece
 
 
-@inlined
+@kernel
 def part_of(buffer, left):
     """Length of the next part of a piece for the decks below the top one, s."""
     part = left
@@ -128,7 +128,7 @@ def advance_below(buffer, piece):
         left = 0.0 if part == left else left - part
 
 
-@inlined
+@kernel
 def start_cohorts_below(buffer):
     """Begin a cohort on every deck on which what falls has become steady."""
     for deck in range(1, int(buffer[N_DECKS])):
@@ -141,7 +141,7 @@ def start_cohorts_below(buffer):
             start_cohort(buffer, deck, deck_vector(buffer, 0)[D_COHORT_FED])
 
 
-@inlined
+@kernel
 def advance_under(buffer, deck, duration, share, moment, whole):
     """Advance a deck by `duration` s under a share of what fell from the one above in `whole` s."""
     book = deck_vector(buffer, deck)
@@ -162,7 +162,7 @@ def advance_under(buffer, deck, duration, share, moment, whole):
         pay_rest(buffer, deck)
 
 
-@inlined
+@kernel
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
     falls = int(buffer[N_FALLS])

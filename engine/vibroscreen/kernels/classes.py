@@ -31,7 +31,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels.elementary import cos, exp, raised
-from vibroscreen.kernels.jit import formula, kernel
+from vibroscreen.kernels.language import entry, kernel
 from vibroscreen.kernels.layout import (
     BULK_DENSITY,
     CONTACT_DEPTH,
@@ -151,7 +151,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     return min(MOST_NODES, max(least, int(need) + 1))
 
 
-@formula
+@kernel
 def most_nodes(classes, apertures, subdivision):
     """Room that `build_nodes` may need for so many classes and apertures."""
     return (classes + apertures) * max(MOST_NODES, int(subdivision))
@@ -200,7 +200,7 @@ def _legendre(nodes, k):
     return x, 2.0 / ((1.0 - x * x) * slope * slope)
 
 
-@kernel
+@entry("int64(vector, vector, vector, vector, vector, vector, vector, vector)")
 def build_nodes(edge, aperture, parameter, strength, size, node_class, position, weight):
     """Write the nodes of all classes, ascending; returns how many.
 

@@ -15,8 +15,8 @@ made. Where the deck stands still (or creeps) the feed lands on top of a pile.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import inlined, kernel, viewing
 from vibroscreen.kernels.landing import fall_row, fall_vector, lead_source, record_nothing
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_CELL,
@@ -208,13 +208,13 @@ def new_slot(buffer, deck):
     return index
 
 
-@inlined
+@kernel
 def keep_pace(book, pace):
     """Remember steps and order of the integration with a package."""
     pace[0], pace[1], pace[2], pace[3] = book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE]
 
 
-@inlined
+@kernel
 def use_pace(book, pace):
     """Go on with remembered steps and order."""
     book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE] = pace[0], pace[1], pace[2], pace[3]
@@ -251,7 +251,7 @@ def panel_of(buffer, deck, index):
     return int(package_vector(buffer, AT_ON_PANEL, deck)[index])
 
 
-@viewing
+@kernel
 def package_scene(buffer, deck, index):
     """Scene of the panel on which a package counts."""
     return scene_vector(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))
@@ -422,7 +422,7 @@ def ride(buffer, deck, index, row, duration):
         pass_through(buffer, deck, row, area, 0.0)
 
 
-@inlined
+@kernel
 def discharge(buffer, deck, index, row, duration, rest):
     """Shorten a package to the length `rest` over the deck's end, evenly in `duration` s.
 
@@ -490,7 +490,7 @@ def cross(buffer, deck, index):
     used[index] = restack(buffer, package_scene(buffer, deck, index), load, int(used[index]))
 
 
-@inlined
+@kernel
 def ride_panels(buffer, deck, index, row, middle, duration, time):
     """Let a package ride for `duration` s, over the ends of panels; `middle` is its riding time.
 
@@ -518,7 +518,7 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
         cross(buffer, deck, index)
 
 
-@inlined
+@kernel
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
     length = package_vector(buffer, AT_LENGTH, deck)
@@ -799,7 +799,7 @@ def take_part(buffer, deck, index, row, part):
 
 
 # --- the pile ------------------------------------------------------------------------------------
-@inlined
+@kernel
 def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
     book = deck_vector(buffer, deck)
@@ -1192,7 +1192,7 @@ def grow_cohort(buffer, deck, duration):
         stream_of_covered_deck(buffer, deck, left)
 
 
-@inlined
+@kernel
 def grow_empty(buffer, deck, duration):
     """Advance the front of a cohort without feed; returns the time it took, s."""
     book = deck_vector(buffer, deck)
@@ -1205,7 +1205,7 @@ def grow_empty(buffer, deck, duration):
     return min(until, duration)
 
 
-@inlined
+@kernel
 def grow_cell(buffer, deck, duration):
     """Advance the front of a lower deck's cohort within a cell; returns the time it took, s."""
     book = deck_vector(buffer, deck)
@@ -1240,7 +1240,7 @@ def end_cell(buffer, deck, cell):
 
 
 # --- the top deck over one step ------------------------------------------------------------------
-@inlined
+@kernel
 def advance_top(buffer, duration):
     """Advance the top deck under constant motion and feed; returns the time it took, s.
 

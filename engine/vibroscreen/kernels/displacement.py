@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 
 from vibroscreen.kernels.elementary import cos, sin, sine_cosine, tan
-from vibroscreen.kernels.jit import kernel, view1, view2
+from vibroscreen.kernels.language import entry, kernel, view1, view2
 
 GRAVITY = 9.81
 ROWS = 5
@@ -98,7 +98,7 @@ GAUSS_WEIGHT = (
 )
 
 
-@kernel
+@entry("void(vector, matrix, float64, matrix)")
 def compose_motion(motion, extra, rotation, harmonic):
     """Motion of the deck along and normal to a panel [m] as harmonics.
 
@@ -682,7 +682,7 @@ def _block_periods(throw):
     return BLOCK_PERIODS * (1 + int(min(throw, 128.0) / 8.0))
 
 
-@kernel
+@entry("void(matrix, vector, vector, vector)")
 def rigid_body(harmonic, drive, result, work):
     """Mean velocity of the bed along the deck [m/s], as that of a rigid body, and its regime.
 
@@ -865,7 +865,7 @@ def _settle_slip(work, periods, slope, landing, grip, drag):
         slip = following
 
 
-@kernel
+@entry("void(matrix, vector, vector, vector)")
 def solve_bed(harmonic, drive, result, work):
     """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
     if not _set_motion(harmonic, drive, result, work):

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from math import factorial
 
-from vibroscreen.kernels.jit import bits_of, inlined, kernel, number_of
+from vibroscreen.kernels.language import bits_of, kernel, number_of
 
 _INF = float("inf")
 _NAN = float("nan")
@@ -41,7 +41,7 @@ _COSINE = tuple(1.0 / factorial(n) for n in range(20, 3, -2))
 _ARTANH = tuple(2.0 / n for n in range(23, 2, -2))
 
 
-@inlined
+@kernel
 def _series(coefficient, z):
     """Polynomial in z by Horner's rule."""
     total = coefficient[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.language import entry
 from vibroscreen.kernels.layout import ACCEPTED
 from vibroscreen.kernels.steady import (
     follow,
@@ -29,7 +29,7 @@ from vibroscreen.kernels.step import advance, initialise, read_partition
 ) = range(10)
 
 
-@kernel
+@entry("int64(vector, int64, float64, float64)")
 def run(buffer, command, first, second):
     """Carry out a command on a buffer; returns ACCEPTED or why it is refused.
 

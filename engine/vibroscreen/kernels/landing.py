@@ -9,7 +9,7 @@ Two ways, both conservative:
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import kernel, viewing
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_CARRY,
     AT_FALL,
@@ -58,13 +58,13 @@ SAME_PLACE = 1e-12
 
 
 # --- along a steady deck -------------------------------------------------------------------------
-@viewing
+@kernel
 def knot_vector(buffer, at, deck, knot):
     """What a field holds of a knot, by node."""
     return node_vector(buffer, at, deck * int(buffer[N_KNOTS]) + knot)
 
 
-@viewing
+@kernel
 def knot_places(buffer, deck):
     """Places of the knots of a deck, m."""
     return vector(buffer, AT_KNOT_PLACE, int(buffer[N_KNOTS]), deck)
@@ -216,7 +216,7 @@ def passed_up_to(buffer, deck, place, passed):
 
 
 # --- from packages with a history ----------------------------------------------------------------
-@viewing
+@kernel
 def fall_vector(buffer, deck, row):
     """What fell from a package of a deck, by node, kg."""
     return node_vector(buffer, AT_FALL, deck * int(buffer[N_FALLS]) + row)

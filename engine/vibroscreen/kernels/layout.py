@@ -15,7 +15,7 @@ from math import prod
 import numpy as np
 
 from vibroscreen.kernels.fours import in_fours
-from vibroscreen.kernels.jit import kernel, view1, view2, viewing
+from vibroscreen.kernels.language import kernel, view1, view2
 
 # --- scalars of a vector field, in order -------------------------------------------------------
 PARAMETER = (
@@ -758,55 +758,55 @@ class Layout:
 ) = range(len(DIMENSION), HEADER_SIZE)
 
 
-@viewing
+@kernel
 def vector(buffer, at, size, row):
     """Row `row` of a field of rows of `size` numbers."""
     return view1(buffer, int(buffer[at]) + row * size, size)
 
 
-@viewing
+@kernel
 def node_vector(buffer, at, row):
     """Row `row` of a field of node vectors."""
     return vector(buffer, at, int(buffer[N_NODES]), row)
 
 
-@viewing
+@kernel
 def class_vector(buffer, at, row):
     """Row `row` of a field of class vectors."""
     return vector(buffer, at, int(buffer[N_CLASSES]), row)
 
 
-@viewing
+@kernel
 def package_vector(buffer, at, deck):
     """What a field holds for every package slot of a deck."""
     return vector(buffer, at, int(buffer[N_PACKAGES]), deck)
 
 
-@viewing
+@kernel
 def deck_vector(buffer, deck):
     """Book-keeping of a deck, indices D_*."""
     return vector(buffer, AT_DECK, len(DECK), deck)
 
 
-@viewing
+@kernel
 def scene_vector(buffer, at, deck, panel):
     """Scene of a panel, indices S_*."""
     return vector(buffer, at, len(SCENE), deck * int(buffer[N_PANELS]) + panel)
 
 
-@viewing
+@kernel
 def panel_vector(buffer, deck, panel):
     """Parameters of a panel, indices LENGTH to VELOCITY_FACTOR."""
     return vector(buffer, AT_PANEL, len(PANEL), deck * int(buffer[N_PANELS]) + panel)
 
 
-@viewing
+@kernel
 def scalars(buffer, at, size):
     """A field of `size` numbers."""
     return view1(buffer, int(buffer[at]), size)
 
 
-@viewing
+@kernel
 def column(buffer, at, index):
     """Column `index` of a field of columns: areal mass [layer, node]."""
     layers = int(buffer[N_LAYERS])

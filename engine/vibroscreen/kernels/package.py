@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 from vibroscreen.kernels.elementary import raised
-from vibroscreen.kernels.jit import folded, inlined, kernel
 from vibroscreen.kernels.landing import record_knot
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
@@ -258,7 +258,7 @@ def give_to_part(buffer, rows, duration):
 
 
 # --- steps ---------------------------------------------------------------------------------------
-@folded
+@kernel
 def allowance(buffer, scene, book, h):
     """Error that a step of h may have, as a part of what was fed of a size.
 
@@ -276,7 +276,7 @@ def first_step(scene, duration):
     return min(duration, 0.25 / pace) if pace > 0.0 else duration
 
 
-@folded
+@kernel
 def time_to_pass(mass, rate, slope):
     """Time in which `mass` passes at a rate that changes linearly, s; -1 if it never does."""
     root = rate * rate + 2.0 * slope * mass
@@ -285,7 +285,7 @@ def time_to_pass(mass, rate, slope):
     return 2.0 * mass / (rate + sqrt(root))
 
 
-@folded
+@kernel
 def miss_of(buffer, layers, growth):
     """Part of a full layer by which a step may miss the moment of a kink."""
     if layers > 1 and growth < 0.0:
@@ -293,7 +293,7 @@ def miss_of(buffer, layers, growth):
     return LANDING
 
 
-@folded
+@kernel
 def mass_to_kink(buffer, scene, load, layers, growth):
     """Mass that the top layer loses or gains until the rates have a kink, kg/m2; 0: none ahead.
 
@@ -374,7 +374,7 @@ def settle_top(buffer, scene, layers, growth):
     return layers
 
 
-@folded
+@kernel
 def top_growth(buffer, layers):
     """What the top layer gains, kg/(m2 s), by the rates in K1."""
     return layer_mass(block_load(buffer, AT_STAGE, K1), layers - 1)
@@ -425,7 +425,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     return layers
 
 
-@inlined
+@kernel
 def advance_block(buffer, scene, book, layers, duration, left, shortest, explicit):
     """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left.
 
@@ -522,7 +522,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
     return layers, left
 
 
-@folded
+@kernel
 def has_kinks(buffer):
     """Whether the rates have a kink at every size or in every layer."""
     parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
@@ -538,7 +538,7 @@ def first_pair(buffer, book):
     return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
 
 
-@folded
+@kernel
 def choose_scheme(buffer, book, fastest, left):
     """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
 
@@ -566,7 +566,7 @@ def choose_scheme(buffer, book, fastest, left):
     return scheme, left / max(1.0, ceil(left / h - SLACK))
 
 
-@folded
+@kernel
 def step_factor(error, scheme):
     """Next step over this one, of which `error` is the estimate as a part of what is allowed.
 
@@ -583,7 +583,7 @@ def step_factor(error, scheme):
     return SAFETY / (root * sqrt(root))
 
 
-@folded
+@kernel
 def longest_step(scheme, h, fastest):
     """A step that may be a little longer than h, but for stability, s."""
     if scheme == STABILISED or fastest == 0.0:
@@ -592,7 +592,7 @@ def longest_step(scheme, h, fastest):
     return min(STRETCH * h, max(h, most / fastest))
 
 
-@inlined
+@kernel
 def explicit_length(
     buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
 ):
@@ -697,7 +697,7 @@ def note_passage(buffer, scene, moment):
     record_knot(buffer, buffer[RECORDED_FROM] + moment * scene[S_TRANSPORT_VELOCITY])
 
 
-@inlined
+@kernel
 def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
     """Find the length of an implicit step that meets the tolerance, its trials done; s."""
     counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
@@ -720,7 +720,7 @@ def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
         return h
 
 
-@inlined
+@kernel
 def try_implicit(buffer, scene, layers, h, moment, book):
     """Raise the order until the error of a step of h meets the tolerance.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels.displacement import GRAVITY
-from vibroscreen.kernels.jit import call_passage, folded, kernel
+from vibroscreen.kernels.language import call_passage, kernel
 from vibroscreen.kernels.layout import (
     S_APERTURE,
     S_BED_LOAD,
@@ -41,7 +41,7 @@ SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loose
 _PER_VOLUME = SOLIDS * 6.0 / 3.141592653589793  # grains of size d in a volume: this over d^3
 
 
-@folded
+@kernel
 def stop_coarse(size, aperture, probability):
     """Let no size pass that is not below the aperture; returns the number of sizes that are."""
     passing = size.size
@@ -139,7 +139,7 @@ def bounce(size, fraction, scene, probability):
         probability[i] *= scale
 
 
-@folded
+@kernel
 def passage_probability(law, address, size, fraction, scene, probability):
     """P_i of the chosen law; `address` is that of a user's own."""
     if law == GAUDIN:

@@ -6,7 +6,7 @@ scenes in use or with new ones. A deck conveys on all of its panels or on none.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.jit import kernel
+from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.layout import (
     AT_PANEL_CELLS,
     AT_PANEL_COUNT,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
-from vibroscreen.kernels.jit import formula, kernel
+from vibroscreen.kernels.language import entry, kernel
 from vibroscreen.kernels.layout import (
     APERTURE,
     AT_PANEL_CELLS,
@@ -33,14 +33,14 @@ LEAST_CELLS = 64
 MOST_CELLS = 512
 
 
-@formula
+@kernel
 def cells_for(tolerance, least):
     """Cells of a deck: a package is never longer than one."""
     cells = int(ceil(least * sqrt(1e-4 / tolerance)))
     return min(MOST_CELLS, max(least, cells))
 
 
-@formula
+@kernel
 def share_cells(length, cells, share):
     """Cells on each panel of a deck: by its length [m], at least one."""
     whole = 0.0
@@ -56,7 +56,7 @@ def share_cells(length, cells, share):
         taken = stop
 
 
-@formula
+@kernel
 def between(at, value, x):
     """Linear interpolation of value over at, ascending; x lies between the first and the last."""
     last = at.size - 1
@@ -68,7 +68,7 @@ def between(at, value, x):
     return (value[k + 1] - value[k]) / (at[k + 1] - at[k]) * (x - at[k]) + value[k]
 
 
-@kernel
+@entry("void(vector, vector, vector)")
 def plan(buffer, aperture, velocity):
     """Fill in what follows from parameters, feed and edges in a buffer with room for one slice.
 

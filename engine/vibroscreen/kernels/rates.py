@@ -21,7 +21,7 @@ from vibroscreen.kernels.fours import (
     put_four_in,
     total,
 )
-from vibroscreen.kernels.jit import folded, inlined, kernel, view1, view2, viewing
+from vibroscreen.kernels.language import kernel, view1, view2
 from vibroscreen.kernels.layout import (
     AT_COLUMN_FLUX,
     AT_COLUMN_TIME,
@@ -102,19 +102,19 @@ LOWER, UPPER = 0, 1
 
 
 # --- the compact column --------------------------------------------------------------------------
-@viewing
+@kernel
 def active_vector(buffer, at, row):
     """Row `row` of a field of vectors over the sizes that take part."""
     return vector(buffer, at, int(buffer[N_ACTIVE]), row)
 
 
-@viewing
+@kernel
 def active_column(buffer, at):
     """A work column over the sizes that take part."""
     return view2(buffer, int(buffer[at]), int(buffer[N_LAYERS]), int(buffer[N_ACTIVE]))
 
 
-@viewing
+@kernel
 def block(buffer, at, index):
     """A block as one vector: what passed, the loads of the layers, the share of the top one."""
     rows = int(buffer[N_LAYERS]) + 2
@@ -122,7 +122,7 @@ def block(buffer, at, index):
     return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
 
 
-@viewing
+@kernel
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
     rows = int(buffer[N_LAYERS]) + 2
@@ -130,7 +130,7 @@ def block_passed(buffer, at, index):
     return view1(buffer, start, int(buffer[N_ACTIVE]))
 
 
-@viewing
+@kernel
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
     rows = int(buffer[N_LAYERS]) + 2
@@ -139,7 +139,7 @@ def block_load(buffer, at, index):
     return view2(buffer, start, rows - 2, int(buffer[N_ACTIVE]))
 
 
-@viewing
+@kernel
 def block_share(buffer, at, index, layers):
     """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
     rows, nodes = int(buffer[N_LAYERS]) + 2, int(buffer[N_ACTIVE])
@@ -407,7 +407,7 @@ def restack(buffer, scene, load, layers):
 
 
 # --- rates ---------------------------------------------------------------------------------------
-@folded
+@kernel
 def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     """P_i of the sizes in row 0 and their contact weights; fills the percolation too.
 
@@ -436,7 +436,7 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     return scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * cover
 
 
-@folded
+@kernel
 def cover_of(scene, mass):
     """Part of the deck that a contact layer of `mass` kg/m2 covers, min(1, sigma_0/sigma_c)."""
     return min(1.0, mass / scene[S_CONTACT_LOAD])
@@ -495,7 +495,7 @@ def reconstruct(buffer, load, layers):
         below, mass = mass, above
 
 
-@inlined
+@kernel
 def hand_down(change, row, i, flux):
     """What goes down from a layer, of four sizes: the row below gains it, this one begins so."""
     put_four_in(change, row - 1, i, four_in(change, row - 1, i) + flux)
@@ -573,13 +573,13 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     return lost
 
 
-@folded
+@kernel
 def follows_share(buffer, layers):
     """Whether the composition of the top layer is followed beside its masses."""
     return layers > 1 and buffer[N_SOURCE] == 0.0
 
 
-@folded
+@kernel
 def rows_followed(buffer, layers):
     """Length of the part of a block that a scheme advances."""
     return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[N_ACTIVE])
@@ -600,7 +600,7 @@ def land(buffer, change, row, moment):
             change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
 
 
-@folded
+@kernel
 def keep_top_share(buffer, layers):
     """Composition of the top layer at the start of a step."""
     share = block_share(buffer, AT_STAGE, NOW, layers)
@@ -614,7 +614,7 @@ def keep_top_share(buffer, layers):
         share[0, i] = scale * load[row, i]
 
 
-@folded
+@kernel
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     nodes = int(buffer[N_ACTIVE])
@@ -678,7 +678,7 @@ def mean_landing(source, i, terms, h, moment):
     return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
 
 
-@folded
+@kernel
 def worst_of(error, weight):
     """Largest product of two vectors over the sizes that take part, not below 0."""
     worst = all_four(0.0)
@@ -687,7 +687,7 @@ def worst_of(error, weight):
     return largest(worst)
 
 
-@folded
+@kernel
 def largest_of(values, row):
     """Largest number of a row over the sizes that take part, not below 0."""
     most = all_four(0.0)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-from vibroscreen.kernels import jit
+from vibroscreen.kernels import library
+from vibroscreen.kernels.language import PLAIN_MODELS
 
 # The number of a model is its place here, from 1 (an FMI enumeration).
 BUILT_IN = {
@@ -17,11 +19,8 @@ BUILT_IN = {
     "passage": ("gaudin", "pelevin", "bounce"),
     "segregation": ("well_mixed", "proportional", "exchange", "classified"),
 }
-_SIGNATURE = {
-    "displacement": jit.DISPLACEMENT_SIGNATURE,
-    "passage": jit.PASSAGE_SIGNATURE,
-    "segregation": jit.SEGREGATION_SIGNATURE,
-}
+# Sub-models of one's own by the address of their code, kept for the life of the process.
+_own: dict[int, Any] = {}
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def register(
         raise ValueError(f"name = {name!r} is a built-in {family} model: choose another name")
     known = _models[family]
     number = known[name].number if name in known else len(known) + 1
-    address = jit.address_of(function, _SIGNATURE[family])
+    address = _address_of(function, family)
     known[name] = SubModel(number, layered, address)
 
 
@@ -70,3 +69,21 @@ def names(family: str) -> tuple[str, ...]:
 def model(family: str, name: str) -> SubModel:
     """The sub-model of that name."""
     return _models[family][name]
+
+
+def _address_of(function: Callable[..., None], family: str) -> int:
+    """Address of a sub-model's code; a number that stands for it where kernels run as Python."""
+    plain = getattr(function, "py_func", function)
+    if library.runs_plain():
+        PLAIN_MODELS[id(plain)] = plain
+        return id(plain)
+    from vibroscreen.kernels import compiler  # numba, for who brings a sub-model
+
+    made = compiler.own_model(function, family)
+    _own[made.address] = made
+    return int(made.address)
+
+
+def compiled_at(address: int) -> Any:
+    """The compiled sub-model whose code lies at an address of `model`."""
+    return _own[address]

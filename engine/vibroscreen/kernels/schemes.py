@@ -17,7 +17,7 @@ import numpy as np
 
 from vibroscreen.kernels.elementary import cosh, log, sinh
 from vibroscreen.kernels.fours import all_four, apart, four, larger, largest, put_four
-from vibroscreen.kernels.jit import folded, inlined, kernel, view2
+from vibroscreen.kernels.language import kernel, view2
 from vibroscreen.kernels.layout import (
     AT_COMPACT,
     AT_NODE_WORK,
@@ -188,7 +188,7 @@ def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
     return worst_error(buffer, layers)
 
 
-@folded
+@kernel
 def worst_error(buffer, layers):
     """Largest error of a step, as a part of what was fed of a size; its errors lie in OF_PART.
 
@@ -208,7 +208,7 @@ def worst_error(buffer, layers):
     return largest(worst)
 
 
-@folded
+@kernel
 def integrate_stages(buffer, h, size):
     """Add the time integral of a step of the pair, from its stages."""
     y, total = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
@@ -222,7 +222,7 @@ def integrate_stages(buffer, h, size):
         put_four(total, i, four(total, i) + one)
 
 
-@folded
+@kernel
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -238,7 +238,7 @@ def take_explicit(buffer, layers, last_rates):
     return largest(debts) == 0.0
 
 
-@inlined
+@kernel
 def pair_step(buffer, scene, layers, h, moment):
     """Try a step of the explicit pair of order 5; returns its error, a part of what was fed."""
     size = rows_followed(buffer, layers)
@@ -250,7 +250,7 @@ def pair_step(buffer, scene, layers, h, moment):
 
 
 # --- the chain of order 3 ------------------------------------------------------------------------
-@folded
+@kernel
 def chain_stage(buffer, last, h_last, h_first, size):
     """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -263,7 +263,7 @@ def chain_stage(buffer, last, h_last, h_first, size):
             put_four(out, i, four(y, i) + (h_last * four(k, i) + h_first * four(k1, i)))
 
 
-@folded
+@kernel
 def chain_end(buffer, stage, h, row, size):
     """Solution of the chain from the rates of its last three stages, into STAGED."""
     y, out = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -284,7 +284,7 @@ def chain_stages(spread):
     return stages
 
 
-@inlined
+@kernel
 def chain_step(buffer, scene, layers, h, stages, moment):
     """Try a step of order 3 with `stages` stages; returns its error, a part of what was fed."""
     size = rows_followed(buffer, layers)
@@ -334,7 +334,7 @@ def stages_for(spread):
     return max(2, 1 + int(sqrt(1.0 + 1.54 * spread)))
 
 
-@inlined
+@kernel
 def stabilised_step(buffer, scene, layers, h, stages, moment):
     """Try a step of order 2 with `stages` stages; returns its error, a part of what was fed."""
     size = rows_followed(buffer, layers)
@@ -381,7 +381,7 @@ def swap_blocks(buffer, one, two, size):
         put_four(b, i, kept)
 
 
-@folded
+@kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -393,7 +393,7 @@ def third_order_error(buffer, h, layers):
     return worst_error(buffer, layers)
 
 
-@folded
+@kernel
 def integrate_ends(buffer, h, size):
     """Add the time integral of a step of the chain or the stabilised scheme (Hermite)."""
     y, new = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, STAGED)
@@ -498,7 +498,7 @@ def land_in_step(buffer, layers, h, t, scheme):
         put_four(staged, i, four(out, i))
 
 
-@folded
+@kernel
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
     size = (layers + 1) * int(buffer[N_ACTIVE])

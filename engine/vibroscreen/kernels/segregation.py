@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels.fours import all_four, four, four_in, larger, put_four_in, total
-from vibroscreen.kernels.jit import call_segregation, folded, kernel
+from vibroscreen.kernels.language import call_segregation, kernel
 from vibroscreen.kernels.layout import (
     S_CONTACT_LOAD,
     S_DENSITY,
@@ -59,7 +59,7 @@ def gap_open_area(mean_radius, dilation):
     return min(1.0, _PI / _HEXAGON_FACTOR * ratio * ratio)
 
 
-@folded
+@kernel
 def layer_mass(load, row):
     """Areal mass of one layer, kg/m2."""
     nodes, mass = load.shape[1], all_four(0.0)
@@ -72,7 +72,7 @@ def layer_mass(load, row):
     return total(mass) + rest
 
 
-@folded
+@kernel
 def weighted_mass(load, row, weight, weight_row):
     """Sum over the sizes of a layer of weight times areal mass."""
     nodes, mass = load.shape[1], all_four(0.0)
@@ -85,7 +85,7 @@ def weighted_mass(load, row, weight, weight_row):
     return total(mass) + rest
 
 
-@folded
+@kernel
 def mass_and_moment(load, row, size):
     """Areal mass of a layer, kg/m2, and the sum over its sizes of size times areal mass, kg/m."""
     nodes, mass, moment = load.shape[1], all_four(0.0), all_four(0.0)
@@ -101,7 +101,7 @@ def mass_and_moment(load, row, size):
     return total(mass) + rest, total(moment) + rest_moment
 
 
-@folded
+@kernel
 def mix_contact(mass, contact):
     """Contact weights where row 0 of `mass` kg/m2 is mixed evenly."""
     share = 1.0 / mass if mass > NOTHING else 0.0
@@ -140,7 +140,7 @@ def proportional(size, load, layers, scene, contact, percolation):
         contact[i] = (1.0 - chi) * share + chi * contact[i]
 
 
-@folded
+@kernel
 def exchange(size, load, layers, scene, contact, percolation):
     """Grains fall through the gaps of the layer below their own (the paper's improved separation).
 
@@ -175,7 +175,7 @@ def exchange(size, load, layers, scene, contact, percolation):
         fill_below = fill
 
 
-@folded
+@kernel
 def segregate(model, address, size, load, layers, scene, contact, percolation):
     """Contact weights and percolation rates of the chosen model; `address` is a user's own."""
     if model == WELL_MIXED:

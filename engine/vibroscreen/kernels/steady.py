@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from vibroscreen.kernels.classes import build_nodes, most_nodes, set_strength
 from vibroscreen.kernels.deck import advance_lead, cross_lead, start_cohort
-from vibroscreen.kernels.jit import inlined, kernel, view1
+from vibroscreen.kernels.language import kernel, view1
 from vibroscreen.kernels.layout import (
     ACCEPTED,
     APERTURE,
@@ -205,7 +205,7 @@ def follow(buffer, deck, duration):
             cross_lead(buffer, deck)
 
 
-@inlined
+@kernel
 def lay_batch(buffer, areal_mass, horizon):
     """Put a batch of `areal_mass` kg/m2 of the feed's composition on the plate."""
     book = deck_vector(buffer, 0)
@@ -247,7 +247,7 @@ def solve_steady(buffer):
     return ACCEPTED
 
 
-@inlined
+@kernel
 def solve_many(buffer, count, rebuild):
     """Steady states of the first `count` rows of `design`, into `design_result`.
 
@@ -308,7 +308,7 @@ def write_result(buffer, result):
             place += 1
 
 
-@inlined
+@kernel
 def solve_decks(buffer):
     """Follow the slices of all decks to the discharge; the top one's is at the feed end."""
     decks = int(buffer[N_DECKS])

@@ -35,7 +35,7 @@ from vibroscreen.kernels.displacement import (
     rigid_body,
 )
 from vibroscreen.kernels.elementary import sin
-from vibroscreen.kernels.jit import call_displacement, inlined, kernel, view2, viewing
+from vibroscreen.kernels.language import call_displacement, entry, kernel, view2
 from vibroscreen.kernels.layout import (
     ACCEPTED,
     ALARM_BED_DEPTH,
@@ -303,7 +303,7 @@ def check_value(buffer, index, least, most):
     return ACCEPTED
 
 
-@inlined
+@kernel
 def check_fractions(buffer):
     """Check the feed fractions; they count only while something is fed."""
     start = int(buffer[AT_FRACTION])
@@ -345,7 +345,7 @@ def check_models(buffer):
     return code
 
 
-@inlined
+@kernel
 def check(buffer):
     """Check all that may change between steps, before anything changes."""
     for index, least, most in INPUT_LIMITS:
@@ -370,7 +370,7 @@ def check(buffer):
 
 
 # --- what changed ------------------------------------------------------------------------------
-@inlined
+@kernel
 def look(buffer, seen):
     """Copy all that may change between steps to `seen`: motion first, feed last."""
     parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
@@ -422,7 +422,7 @@ def vibrates(buffer):
     return inputs[FREQUENCY] > 0.0 and moved > 0.0
 
 
-@viewing
+@kernel
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
     inputs = scalars(buffer, AT_INPUT, len(INPUT))
@@ -433,7 +433,7 @@ def panel_motion(buffer, panel):
     return harmonic
 
 
-@inlined
+@kernel
 def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
     parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
@@ -549,7 +549,7 @@ def close_scene(buffer, deck, number, scene):
         scene[S_MIXING] *= loose
 
 
-@inlined
+@kernel
 def set_scene(buffer, deck, number, scene):
     """What a panel offers to the sub-models; without vibration nothing passes or percolates."""
     parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
@@ -628,7 +628,7 @@ def prepare(buffer, fresh):
     return ACCEPTED
 
 
-@inlined
+@kernel
 def same_rates(buffer, now, last):
     """Whether nothing changed but how the bed is conveyed: a column goes on as it would have."""
     inputs = len(INPUT) - 1
@@ -648,7 +648,7 @@ def same_rates(buffer, now, last):
     return True
 
 
-@inlined
+@kernel
 def displaced(buffer, now, last):
     """Whether anything changed that the displacement depends on."""
     inputs = len(INPUT) - 1
@@ -667,7 +667,7 @@ def displaced(buffer, now, last):
     return differ(now, last, end - 5 * MAX_HARMONICS, end)
 
 
-@inlined
+@kernel
 def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
     for deck in range(int(buffer[N_DECKS])):
@@ -823,7 +823,7 @@ def write_recovery(buffer):
         scalars(buffer, AT_OUTPUT, len(OUTPUT))[UNDERSIZE_RECOVERY] = out / fed
 
 
-@kernel
+@entry("float64(vector, vector, vector, float64, float64)")
 def partition_size(size, fine, coarse, level, closed):
     """Size whose part `level` reports to the coarse stream, m; negative: the end class instead.
 
@@ -902,7 +902,7 @@ def write_state(buffer):
     output[BALANCE_ERROR] = balance_error(buffer)
 
 
-@viewing
+@kernel
 def deck_bed(buffer, deck):
     """Outputs of the bed on a deck, indices DECK_*."""
     return vector(buffer, AT_DECK_BED, len(DECK_BED), deck)
@@ -960,7 +960,7 @@ def fed_masses(buffer, row, duration):
 
 
 # --- entries -----------------------------------------------------------------------------------
-@inlined
+@kernel
 def steady_step(buffer, duration):
     """A step in a steady scene: all rates are known, only the sums grow."""
     for row in range(OVER + int(buffer[N_DECKS])):
@@ -1041,7 +1041,7 @@ def read_partition(buffer):
         scalars(buffer, AT_COUNTER, len(COUNTER))[C_PARTITIONS] += 1.0
 
 
-@inlined
+@kernel
 def advance(buffer, duration):
     """Advance the screen by `duration` s > 0 with the inputs in the buffer."""
     code = prepare(buffer, False)
@@ -1069,7 +1069,7 @@ def advance(buffer, duration):
     return ACCEPTED
 
 
-@inlined
+@kernel
 def initialise(buffer):
     """Start: empty decks, or full of the duty in the inputs where bed.initial is steady."""
     for deck in range(int(buffer[N_DECKS])):

@@ -34,7 +34,7 @@ typedef struct {
 /* A saved state: what an instance must remember, from the parameters to the end of the state. */
 typedef struct {
     int64_t running, count;
-    double body[];
+    double time, body[];
 } State;
 
 /* What goes before the body when a state is written. */
@@ -72,7 +72,12 @@ static void add_number(Message *message, double value, int digits) {
     else if (fabs(value) > 1e308 * 1.7976931348623157) add_text(message, value > 0 ? "inf" : "-inf");
     else {
         snprintf(text, sizeof text, "%.*g", digits, value);
-        add_text(message, text);
+        /* Numbers do not follow the locale of the host: what is no digit, sign or e is its point. */
+        const char *known = "0123456789+-e";
+        char *point = text + strspn(text, known), *rest = point + strcspn(point, known);
+        add(message, text, (size_t) (point - text));
+        if (rest > point) add_text(message, ".");
+        add_text(message, rest);
     }
 }
 
@@ -129,7 +134,9 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
     if (screen->logging && screen->logger) {
         Message message = {.used = 0};
         tell(&message, TEXT[text], &told);
-        screen->logger(screen->environment, screen->name, fmi2Error, "logStatusError", message.text);
+        /* A host takes the message for a format; some show it as it is. Both get what was meant. */
+        const char *format = strchr(message.text, '%') ? "%s" : message.text;
+        screen->logger(screen->environment, screen->name, fmi2Error, "logStatusError", format, message.text);
     }
     return fmi2Error;
 }
@@ -137,10 +144,9 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 /* --- the engine ------------------------------------------------------------------------------- */
 /* Carry out a command; tells what the kernels refuse. */
 static fmi2Status run(const Screen *screen, Laid *laid, int command, double first) {
-    int64_t code = -1;
-    void *raised = NULL;
     double *buffer = laid->buffer;
-    if (screen_run(&code, &raised, buffer, laid->at.size, command, first) || code < 0 || code > LAST_CODE)
+    int64_t code = vibroscreen_run(buffer, laid->at.size, command, first, 0);
+    if (code < 0 || code > LAST_CODE)
         return refuse(screen, TEXT_FAILED, (Told) {.value = (double) code});
     if (code == ACCEPTED) return fmi2OK;
     const double *refusal = buffer + (int64_t) buffer[AT_REFUSAL];
@@ -251,13 +257,11 @@ static fmi2Status plan_slice(const Screen *screen, const double *parameters, Lai
         buffer[PARAMETERS + FIXED_ONES[k]] = parameters[FIXED_ONES[k]];
     if (check_limits(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
     if (check_decks(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
-    int64_t classes = (int64_t) DIMENSIONS[D_CLASSES], code = -1;
+    int64_t classes = (int64_t) DIMENSIONS[D_CLASSES];
     double *edge = buffer + (int64_t) buffer[AT_EDGE];
     memcpy(edge, buffer + (int64_t) buffer[AT_LOWER], (size_t) classes * sizeof(double));
     edge[classes] = buffer[(int64_t) buffer[AT_UPPER] + classes - 1];
-    void *raised = NULL;
-    if (screen_plan(&code, &raised, buffer, slice->at.size, TABLE_APERTURE, TABLE_VELOCITY, TABLE_ROWS))
-        return refuse(screen, TEXT_FAILED, (Told) {.value = -1});
+    vibroscreen_plan(buffer, slice->at.size, (double *) TABLE_APERTURE, TABLE_ROWS, (double *) TABLE_VELOCITY, TABLE_ROWS);
     double cells = buffer[D_CELLS];
     if (ROOM > 0 && ROOM < cells + 4)
         return refuse(screen, TEXT_LITTLE_ROOM, (Told) {.value = ROOM, .limit = cells, .other_limit = cells + 4});
@@ -530,6 +534,7 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *target) {
     }
     state->running = screen->running;
     state->count = count;
+    state->time = screen->time;
     memcpy(state->body, screen->laid.buffer + PARAMETERS, (size_t) count * sizeof(double));
     return fmi2OK;
 }
@@ -558,6 +563,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate source) {
     memcpy(laid->buffer + PARAMETERS, state->body, (size_t) count * sizeof(double));
     screen->running = (int) state->running;
     screen->ended = 0;
+    screen->time = state->time;
     return fmi2OK;
 }
 
@@ -622,6 +628,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
     State *state = malloc(sizeof *state + length);
     if (!state) return refuse(screen, TEXT_NO_ROOM, told);
     state->running = head.running != 0;
+    state->time = screen->time; /* bytes of a state do not say when it was */
     state->count = (int64_t) (length / sizeof(double));
     memcpy(state->body, bytes + sizeof head, length);
     *target = state;

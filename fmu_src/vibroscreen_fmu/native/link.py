@@ -21,8 +21,9 @@ from pathlib import Path
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.kernels.machine import MATHEMATICS
 from vibroscreen_fmu.model_description import guid_of, model_description
-from vibroscreen_fmu.native.aot import MATHEMATICS, object_code, own_models
+from vibroscreen_fmu.native.aot import object_code, own_models
 from vibroscreen_fmu.native.tables import header
 from vibroscreen_fmu.package import (
     Files,
@@ -84,7 +85,7 @@ HOSTS = {("Linux", "x86_64"): "linux64", ("Linux", "aarch64"): "aarch64-linux"}
 # What the library may take from the C library.
 ALLOWED = MATHEMATICS | {
     *("calloc", "free", "malloc", "memcmp", "memcpy", "memmove", "memset", "snprintf", "strchr"),
-    *("strcmp", "strcpy", "strcspn", "strlen", "strtol", "atoi"),
+    *("strcmp", "strcpy", "strcspn", "strlen", "strspn", "strtol", "atoi"),
     # of the start code of every library, weak
     *("__cxa_finalize", "__gmon_start__", "_ITM_deregisterTMCloneTable"),
     *("_ITM_registerTMCloneTable", "__stack_chk_fail", "__snprintf_chk", "__strcpy_chk"),

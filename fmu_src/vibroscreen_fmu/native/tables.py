@@ -18,6 +18,7 @@ from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
 from vibroscreen.kernels.layout import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
+from vibroscreen.kernels.machine import prototypes
 from vibroscreen.kernels.segregation import EXCHANGE
 from vibroscreen.screen import (
     LONGEST_STEP,
@@ -27,7 +28,7 @@ from vibroscreen.screen import (
     slice_layout,
     variable_name,
 )
-from vibroscreen_fmu.native.aot import C_PROTOTYPES, SUB_MODEL
+from vibroscreen_fmu.native.aot import SUB_MODEL
 from vibroscreen_fmu.port import Port, Steps
 from vibroscreen_fmu.ports import entry_at
 from vibroscreen_fmu.row_slave import STATE_MARK, owner_of
@@ -78,7 +79,7 @@ def header(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bu
     lines = [
         "/* Made by vibroscreen_fmu/native/tables.py. */",
         "#include <stdint.h>",
-        C_PROTOTYPES,
+        prototypes(),
         *_define(
             MODEL=json.dumps(name),
             GUID=json.dumps(guid),

@@ -1,0 +1,109 @@
+"""What kernels are written in: plain Python functions, marked, over views of flat arrays.
+
+    kernel(function)             a function that other kernels call
+    entry(signature)(function)   a kernel that Python and C call: it runs in the engine library
+
+Kernels are plain Python until the engine is compiled (compiler.py): nothing here needs a compiler.
+What stands below is the plain meaning of what the compiler makes by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+# Kinds of a signature: rows of doubles, whole numbers, numbers.
+KINDS = ("vector", "matrix", "int64", "float64")
+RETURNED = ("void", "int64", "float64")
+# How kernels call a sub-model of one's own, by family.
+SUB_MODELS = {
+    "passage": ("vector", "vector", "vector", "vector"),
+    "segregation": ("vector", "matrix", "int64", "vector", "vector", "matrix"),
+    "displacement": ("matrix", "vector", "vector", "vector"),
+}
+
+KERNELS: list[Callable[..., Any]] = []
+ENTRIES: dict[str, Entry] = {}
+# Sub-models of one's own by their address, where kernels run as plain Python.
+PLAIN_MODELS: dict[int, Callable[..., None]] = {}
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Mark a function as one that the compiler takes with the entries that call it."""
+    KERNELS.append(function)
+    return function
+
+
+class Entry:
+    """A kernel that Python calls: the first call looks for the engine that it runs in.
+
+    function: the kernel as plain Python; returned and arguments: kinds of its signature.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: str) -> None:
+        returned, _, arguments = signature.rstrip(")").partition("(")
+        self.function = function
+        self.name = function.__name__
+        self.__doc__ = function.__doc__
+        self.returned = returned
+        self.arguments = tuple(kind.strip() for kind in arguments.split(","))
+        assert returned in RETURNED, f"{self.name} returns {returned}"
+        assert set(self.arguments) <= set(KINDS), f"{self.name} takes {arguments}"
+        self.call: Callable[..., Any] = self._find
+
+    def _find(self, *arguments: Any) -> Any:
+        from vibroscreen.kernels.library import engine
+
+        self.call = engine().caller(self)
+        return self.call(*arguments)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.call(*arguments)
+
+
+def entry(signature: str) -> Callable[[Callable[..., Any]], Entry]:
+    """Make a kernel an entry: signature such as "int64(vector, float64)" (KINDS, RETURNED)."""
+
+    def make(function: Callable[..., Any]) -> Entry:
+        made = ENTRIES[function.__name__] = Entry(function, signature)
+        return made
+
+    return make
+
+
+# --- what the compiler makes by itself, in plain Python ------------------------------------------
+def view1(buffer, offset, size):
+    """View of `size` numbers of the flat buffer from `offset` on; no copy, no allocation."""
+    return buffer[offset : offset + size]
+
+
+def view2(buffer, offset, rows, columns):
+    """Matrix view of the flat buffer."""
+    return buffer[offset : offset + rows * columns].reshape(rows, columns)
+
+
+def bits_of(number):
+    """The bits of a number as a whole number."""
+    return int(np.float64(number).view(np.int64))
+
+
+def number_of(bits):
+    """The number that has these bits."""
+    return float(np.int64(bits).view(np.float64))
+
+
+def call_passage(address, *arguments):
+    """Call a passage law of one's own."""
+    PLAIN_MODELS[int(address)](*arguments)
+
+
+def call_segregation(address, *arguments):
+    """Call a segregation model of one's own."""
+    PLAIN_MODELS[int(address)](*arguments)
+
+
+def call_displacement(address, *arguments):
+    """Call a displacement model of one's own."""
+    PLAIN_MODELS[int(address)](*arguments)

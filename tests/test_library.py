@@ -1,0 +1,151 @@
+"""The engine as library, in memory and as plain Python; when it is compiled anew."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vibroscreen.kernels import compiler, library
+from vibroscreen.kernels.language import kernel
+
+ROOT = Path(__file__).resolve().parent.parent
+
+TINY = """
+import json
+from vibroscreen import Feed, Motion, Screen, ScreenConfig
+config = ScreenConfig.loads('''
+[size_classes]
+edges_mm = [0, 8, 16, 40]
+subdivision = 1
+[segregation]
+model = "MODEL"
+[solver]
+tolerance = 1e-2
+[displacement]
+model = "prescribed"
+velocity_m_s = 0.5
+''')
+screen = Screen(config)
+feed = config.feed
+out = []
+for dt, rate, amplitude in ((3.0, 60.0, 0.005), (2.0, 80.0, 0.0), (2.0, 80.0, 0.004)):
+    result = screen.step(dt, Feed(rate, feed.mass_fraction), Motion.linear(amplitude, 15.5, 0.8))
+    out += [result.hold_up, *result.undersize.class_rates, *result.oversize.class_rates]
+print(json.dumps(out))
+"""
+
+
+def _tiny(model: str, *, plain: bool) -> list[float]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "engine")}
+    environment["NUMBA_DISABLE_JIT"] = "1" if plain else "0"
+    done = subprocess.run(
+        [sys.executable, "-c", TINY.replace("MODEL", model)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("model", ["exchange", "proportional"])
+def test_plain_python_gives_what_compiled_kernels_give(model: str) -> None:
+    """A transient with a pile and a stop, once compiled and once as plain Python."""
+    compiled, plain = _tiny(model, plain=False), _tiny(model, plain=True)
+    assert max(compiled) > 1.0
+    assert plain == pytest.approx(compiled, rel=1e-9, abs=1e-9)
+
+
+NO_COMPILER = """
+import sys
+from vibroscreen import Screen, ScreenConfig
+screen = Screen(ScreenConfig.default())
+screen.solve_steady().recovery, screen.step(1.0)
+print([name for name in sys.modules if name.partition(".")[0] in ("numba", "llvmlite", "scipy")])
+"""
+
+WALK = """
+import hashlib, sys
+import numpy as np
+from vibroscreen import Feed, Motion, Screen, ScreenConfig
+for path in sys.argv[1:]:
+    screen = Screen(ScreenConfig.load(path))
+    rng = np.random.default_rng(7)
+    found = hashlib.sha256()
+    for _ in range(300):
+        share = rng.random(screen.config.size_classes.count)
+        feed = Feed(float(rng.uniform(20.0, 140.0)), tuple(share / share.sum()))
+        motion = Motion.linear(float(rng.uniform(0.003, 0.006)), float(rng.uniform(12, 17)), 0.785)
+        kept = rng.random() < 0.5, rng.random() < 0.7
+        screen.step(float(rng.uniform(0.2, 3.0)), *(None if k else x
+                    for k, x in zip(kept, (feed, motion))))
+        found.update(screen.state)
+    found.update(screen.solve_steady().recovery.tobytes())
+    print(found.hexdigest()[:16])
+"""
+SCREENS = [
+    ROOT / "plant_examples" / "screens" / f"{name}.toml"
+    for name in ("quarry", "two_deck", "banana")
+]
+
+
+def _fresh(script: str, *arguments: object, **settings: str) -> str:
+    """What a script prints in a process of its own under environment variables."""
+    own = {**os.environ, "PYTHONPATH": str(ROOT / "engine"), **settings}
+    command = [sys.executable, "-W", "error", "-c", script, *map(str, arguments)]
+    done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_library_needs_no_compiler() -> None:
+    """A steady solution and a step, without numba."""
+    assert _fresh(NO_COMPILER) == "[]\n"
+
+
+def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
+    """The library for a plain processor and for this one, and the engine compiled in memory."""
+    wanted = _fresh(WALK, *SCREENS)
+    assert _fresh(WALK, *SCREENS, VIBROSCREEN_PROCESSOR="plain") == wanted
+    assert _fresh(WALK, *SCREENS, VIBROSCREEN_ENGINE="jit") == wanted
+
+
+def test_an_unknown_engine_is_refused() -> None:
+    own = {**os.environ, "PYTHONPATH": str(ROOT / "engine"), "VIBROSCREEN_ENGINE": "fast"}
+    done = subprocess.run(
+        [sys.executable, "-c", TINY.replace("MODEL", "exchange")],
+        env=own,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "VIBROSCREEN_ENGINE = 'fast' is unknown: give library, jit or python" in done.stderr
+
+
+def test_the_stamp_follows_what_kernels_say() -> None:
+    """Not comments, docstrings and layout."""
+    one = b'def f(x):\n    """Twice."""\n    return 2.0 * x\n'
+    same = b'def f(x):\n    """Twice as much."""\n    # why\n    return (2.0  * x)\n'
+    other = one.replace(b"2.0", b"2.5")
+    assert library.says(one) == library.says(same)
+    assert library.says(one) != library.says(other)
+
+
+def test_constant_arguments_do_not_compile_anew() -> None:
+    """One specialisation a kernel: numba would make one for every constant argument."""
+
+    @kernel
+    def twice(x, k):
+        return x * k
+
+    @compiler.compiled
+    def caller(x):
+        return twice(x, 2) + twice(x, 3)
+
+    assert caller(1.0) == 5.0
+    assert len(compiler._dispatchers[twice].signatures) == 1
