@@ -383,6 +383,8 @@ def as_float(value: Any) -> float:
 
 def as_tuple(value: Any) -> tuple[Any, ...] | None:
     """A list, tuple or array as a tuple; None for anything else."""
+    if type(value) is tuple:
+        return value
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):

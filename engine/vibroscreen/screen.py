@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.step import PRESCRIBED
 from vibroscreen.motion import Motion
 from vibroscreen.size_classes import Nodes
-from vibroscreen.steady import SteadyResult, sieve, solve
+from vibroscreen.steady import Slice, SteadyResult, sieve
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
 
@@ -183,11 +183,32 @@ class Screen:
         self.layout = _layout(config, self.nodes.count, packages=True)
         self.buffer = self.layout.buffer()
         fill(self.layout, self.buffer, config, self.nodes)
-        self._memory = self.view("memory")
         self._column = _layout(config, self.nodes.count, packages=False)
         self._column_buffer = self._column.buffer()
         fill(self._column, self._column_buffer, config, self.nodes)
+        self._look_up()
         self.initialise()
+
+    def _look_up(self) -> None:
+        """Find once what every call reads and writes of the buffers."""
+        self._memory = self.view("memory")
+        self._inputs = Inputs(self.layout, self.buffer)
+        self._column_inputs = Inputs(self._column, self._column_buffer)
+        self._given, self._column_given = (
+            buffer[layout.section["parameters"].start : layout.section["inputs"].stop]
+            for layout, buffer in ((self.layout, self.buffer), (self._column, self._column_buffer))
+        )
+        self._steady = Slice(self.config, self.nodes, self._column, self._column_buffer, _accept)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy has buffers of its own, so it looks up its own parts of them."""
+        whole = ("config", "nodes", "layout", "buffer", "_column", "_column_buffer")
+        return {name: self.__dict__[name] for name in whole}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what another screen is."""
+        self.__dict__.update(state)
+        self._look_up()
 
     # --- the buffer, for those who move numbers themselves ------------------------------------
     def view(self, name: str) -> Array:
@@ -247,10 +268,10 @@ class Screen:
 
         Raises InputError for a value out of range; the state is as before then.
         """
-        touched = [self.view(name) for name in ("input", "fraction", "harmonic")]
+        touched = self._inputs.views
         kept = [values.copy() for values in touched]
         try:
-            put_inputs(self.layout, self.buffer, feed, motion, self.config)
+            self._inputs.put(feed, motion)
             self.advance(dt)
         except Exception:
             for values, before in zip(touched, kept, strict=True):
@@ -320,9 +341,9 @@ class Screen:
         of zero and for a deck that does not convey.
         """
         feed = feed if feed is not None else self.config.feed
-        layout, buffer = self._slice()
-        put_inputs(layout, buffer, feed, motion or self.config.motion, self.config)
-        return solve(self.config, self.nodes, layout, buffer, feed, _accept)
+        self._slice()
+        self._column_inputs.put(feed, motion or self.config.motion)
+        return self._steady.solve(feed)
 
     def sieve_batch(
         self,
@@ -350,7 +371,7 @@ class Screen:
             raise InputError("times: give ascending times from 0 s on", "times")
         layout, buffer = self._slice()
         batch = Feed(1.0, tuple(mass_fraction))
-        put_inputs(layout, buffer, batch, motion or self.config.motion, self.config)
+        self._column_inputs.put(batch, motion or self.config.motion)
         parameter = layout.view(buffer, "parameter")
         model = parameter[lay.DISPLACEMENT_MODEL]
         parameter[lay.DISPLACEMENT_MODEL] = PRESCRIBED
@@ -362,10 +383,8 @@ class Screen:
 
     def _slice(self) -> tuple[Layout, Array]:
         """A buffer with room for one slice only, with parameters and inputs as they are now."""
-        layout, buffer = self._column, self._column_buffer
-        for part in ("parameters", "inputs"):
-            buffer[layout.section[part]] = self.buffer[self.layout.section[part]]
-        return layout, buffer
+        self._column_given[:] = self._given
+        return self._column, self._column_buffer
 
 
 def nodes_of(config: ScreenConfig) -> Nodes:
@@ -518,7 +537,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     if nodes is not None:
         put_nodes(layout, buffer, nodes)
     layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity
-    put_inputs(layout, buffer, config.feed, config.motion, config)
+    Inputs(layout, buffer).put(config.feed, config.motion)
 
 
 def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
@@ -533,23 +552,28 @@ def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
         layout.view(buffer, name)[: nodes.count] = values
 
 
-def put_inputs(
-    layout: Layout,
-    buffer: Array,
-    feed: Feed | None,
-    motion: Motion | None,
-    config: ScreenConfig,
-) -> None:
-    """Write a feed and a motion into the inputs of a buffer; None leaves what is there."""
-    inputs = layout.view(buffer, "input")
-    if feed is not None:
-        if feed.mass_flow_rate > 0.0:
-            feed.check_classes(config.size_classes.count)
-            layout.view(buffer, "fraction")[:] = feed.mass_fraction
-        inputs[lay.FEED_RATE] = feed.mass_flow_rate
-    if motion is not None:
-        inputs[lay.FREQUENCY : lay.ELLIPTICITY + 1] = motion.fundamental
-        layout.view(buffer, "harmonic")[...] = motion.harmonic_rows
+class Inputs:
+    """Where feed and motion are in a buffer; looked up once, for they are written with every call.
+
+    `views`: numbers, mass fractions by class, harmonics.
+    """
+
+    def __init__(self, layout: Layout, buffer: Array) -> None:
+        self.views = tuple(layout.view(buffer, name) for name in ("input", "fraction", "harmonic"))
+        self._numbers, self._fraction, self._harmonic = self.views
+        self._motion = self._numbers[lay.FREQUENCY : lay.ELLIPTICITY + 1]
+        self._classes = self._fraction.size
+
+    def put(self, feed: Feed | None, motion: Motion | None) -> None:
+        """Write a feed and a motion; None leaves what is there."""
+        if feed is not None:
+            if feed.mass_flow_rate > 0.0:
+                feed.check_classes(self._classes)
+                self._fraction[:] = feed.mass_fraction
+            self._numbers[lay.FEED_RATE] = feed.mass_flow_rate
+        if motion is not None:
+            self._motion[:] = motion.fundamental
+            self._harmonic[:] = motion.harmonic_rows
 
 
 def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,16 @@ Check = Callable[[int, Array, Layout], None]
 
 # Places along the deck at which a profile is given, ends included.
 PROFILE_POINTS = 65
-# What a steady state keeps of the buffer that it was found in.
-KEPT = ("scene", "step_mass", "class_mass", "hold_up_work")
+
+
+class Kept(NamedTuple):
+    """What a steady state keeps of the buffer that it was found in, and what was set in it."""
+
+    scene: Array
+    step_mass: Array
+    class_mass: Array
+    hold_up_work: Array
+    setting: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +84,19 @@ class SteadyResult:
     config: ScreenConfig
     feed: Feed
     _nodes: Nodes = field(repr=False)
-    _kept: Mapping[str, Array] = field(repr=False)
-    _march: Callable[[int], tuple[Profile, ...]] = field(repr=False)
+    _kept: Kept = field(repr=False)
+    _march: Callable[[Kept, int], tuple[Profile, ...]] = field(repr=False)
 
     @cached_property
     def recovery(self) -> Array:
         """Part of each class that reaches the undersize, 0 for a class that is not fed [1]."""
-        rates = self._kept["class_mass"][lay.UNDER :]
-        total = rates.sum(axis=0)
+        rates = self._kept.class_mass[lay.UNDER :]
+        total = np.add.reduce(rates)
         recovery: Array = np.divide(rates[0], total, out=np.zeros(total.size), where=total > 0.0)
         return recovery
 
     def _stream(self, row: int) -> Stream:
-        rates = self._kept["class_mass"][row]
+        rates = self._kept.class_mass[row]
         return Stream.of_class_rates(rates, np.asarray(self.feed.mass_fraction))
 
     @cached_property
@@ -109,33 +117,33 @@ class SteadyResult:
     @property
     def transport_velocity(self) -> float:
         """Velocity of the bed on the first panel of the top deck, m/s."""
-        return float(_velocities(self._kept["scene"], self.config, 0)[0])
+        return float(_velocities(self._kept.scene, self.config, 0)[0])
 
     @property
     def residence_time(self) -> float:
         """Time on the top deck from the feed end to the discharge, s."""
-        velocity = _velocities(self._kept["scene"], self.config, 0)
+        velocity = _velocities(self._kept.scene, self.config, 0)
         panels = self.config.decks[0].panels
         return sum(panel.length / float(v) for panel, v in zip(panels, velocity, strict=True))
 
     @property
     def deck_hold_up(self) -> tuple[float, ...]:
         """What lies on each deck, kg."""
-        return tuple(self._kept["hold_up_work"].tolist())
+        return tuple(self._kept.hold_up_work.tolist())
 
     @property
     def _fine(self) -> Array:
-        fine: Array = self._kept["step_mass"][len(self.config.decks) - 1]
+        fine: Array = self._kept.step_mass[len(self.config.decks) - 1]
         return fine
 
     @property
     def _coarse(self) -> Array:
-        coarse: Array = self._kept["step_mass"][len(self.config.decks)]
+        coarse: Array = self._kept.step_mass[len(self.config.decks)]
         return coarse
 
     @property
     def _between(self) -> Array:
-        between: Array = self._kept["step_mass"][len(self.config.decks) + 1 :].sum(axis=0)
+        between: Array = self._kept.step_mass[len(self.config.decks) + 1 :].sum(axis=0)
         return between
 
     @property
@@ -181,7 +189,7 @@ class SteadyResult:
     @cached_property
     def profiles(self) -> tuple[Profile, ...]:
         """What lies along every deck, at 65 positions from the feed end to the discharge."""
-        return self._march(PROFILE_POINTS)
+        return self._march(self._kept, PROFILE_POINTS)
 
     @property
     def profile(self) -> Profile:
@@ -227,26 +235,36 @@ def by_class(nodes: Nodes, values: Array, count: int) -> Array:
     return out
 
 
-def solve(
-    config: ScreenConfig, nodes: Nodes, layout: Layout, buffer: Array, feed: Feed, check: Check
-) -> SteadyResult:
-    """Steady state with the inputs and parameters in the buffer of one slice."""
-    check(run(buffer, SOLVE, 0.0, 0.0), buffer, layout)
-    setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
-    kept = {name: layout.view(buffer, name).copy() for name in KEPT}
-    kept["setting"] = buffer[setting].copy()
+class Slice:
+    """A buffer with room for one slice of the bed: steady states and their profiles.
 
-    def march(points: int) -> tuple[Profile, ...]:
-        buffer[setting] = kept["setting"]
-        check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
+    What it reads and writes of the buffer in every solution is looked up once.
+    """
+
+    def __init__(
+        self, config: ScreenConfig, nodes: Nodes, layout: Layout, buffer: Array, check: Check
+    ) -> None:
+        self.config, self.nodes, self.layout, self.buffer = config, nodes, layout, buffer
+        self._check = check
+        setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
+        fields = {name: layout.view(buffer, name) for name in Kept._fields if name != "setting"}
+        self._found = Kept(**fields, setting=buffer[setting])
+
+    def solve(self, feed: Feed) -> SteadyResult:
+        """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
+        self._check(run(self.buffer, SOLVE, 0.0, 0.0), self.buffer, self.layout)
+        kept = Kept._make([values.copy() for values in self._found])
+        return SteadyResult(self.config, feed, self.nodes, kept, self.march)
+
+    def march(self, kept: Kept, points: int) -> tuple[Profile, ...]:
+        """What lies along every deck in a steady state that was found before."""
+        config, nodes, layout, buffer = self.config, self.nodes, self.layout, self.buffer
+        self._found.setting[:] = kept.setting
+        self._check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
         return tuple(
-            _profile(
-                config, nodes, layout, buffer, d, _velocities(kept["scene"], config, d), points
-            )
+            _profile(config, nodes, layout, buffer, d, _velocities(kept.scene, config, d), points)
             for d in range(len(config.decks))
         )
-
-    return SteadyResult(config, feed, nodes, kept, march)
 
 
 def _velocities(scene: Array, config: ScreenConfig, deck: int) -> Array:

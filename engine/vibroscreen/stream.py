@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,8 +69,16 @@ def checked_fractions(mass_fraction: Sequence[float]) -> tuple[float, ...]:
 
     Raises InputError that names the first one out of range, or `feed.mass_fraction` for the sum.
     """
-    if _faultless(mass_fraction):
-        return mass_fraction
+    plain = as_tuple(mass_fraction)
+    kinds = set(map(type, plain)) if plain is not None else set()
+    if plain is not None and kinds == {np.float64}:
+        plain, kinds = tuple(map(float, plain)), {float}
+    # Most feeds are floats in range, which need no check one by one; the sum tells of what is no
+    # number and compares with nothing.
+    if plain is not None and kinds == {float} and min(plain) >= 0.0 and max(plain) <= 1.0:
+        total = math.fsum(plain)
+        if abs(total - 1.0) <= SUM_TOLERANCE:
+            return _normalised(plain, total)
     values = []
     for place, value in enumerate(_numbers("feed.mass_fraction", mass_fraction), start=1):
         if not -ROUND_OFF <= value <= 1.0 + ROUND_OFF:
@@ -86,17 +94,14 @@ def checked_fractions(mass_fraction: Sequence[float]) -> tuple[float, ...]:
             f"feed.mass_fraction = {total:.6g} in sum is not 1 within {SUM_TOLERANCE:g}: "
             "divide every fraction by the sum"
         )
+    return _normalised(tuple(values), total)
+
+
+def _normalised(values: tuple[float, ...], total: float) -> tuple[float, ...]:
+    """Fractions over their sum; as they are where that is one already."""
     if abs(total - 1.0) <= _SUM_ROUND_OFF:
-        return tuple(values)
-    return tuple(value / total for value in values)
-
-
-def _faultless(values: Any) -> TypeGuard[tuple[float, ...]]:
-    """Whether the checks would give back what they were given: most feeds of a run of steps."""
-    if type(values) is not tuple or set(map(type, values)) != {float}:
-        return False
-    inside = min(values) >= 0.0 and max(values) <= 1.0
-    return inside and abs(math.fsum(values) - 1.0) <= _SUM_ROUND_OFF
+        return values
+    return tuple([value / total for value in values])
 
 
 class _Composition(Numbers):
@@ -127,12 +132,17 @@ class Feed:
     )
 
     def __post_init__(self) -> None:
-        rate = _RATE.check("feed.mass_flow_rate", _unrounded(self.mass_flow_rate))
-        object.__setattr__(self, "mass_flow_rate", rate)
+        rate = self.mass_flow_rate
+        if type(rate) is not float or not 0.0 <= rate < math.inf:
+            rate = _RATE.check("feed.mass_flow_rate", _unrounded(rate))
+            object.__setattr__(self, "mass_flow_rate", rate)
         fractions = as_tuple(self.mass_fraction)
-        if fractions is None or (fractions and rate > 0.0):
+        if fractions is None:
             fractions = checked_fractions(self.mass_fraction)
-        object.__setattr__(self, "mass_fraction", fractions)
+        elif fractions and rate > 0.0:
+            fractions = checked_fractions(fractions)
+        if fractions is not self.mass_fraction:
+            object.__setattr__(self, "mass_fraction", fractions)
 
     @classmethod
     def of_passing(cls, rate: float, passing: Sequence[float]) -> Feed:

@@ -43,7 +43,7 @@ from vibroscreen.kernels.layout import (
 )
 from vibroscreen.kernels.passage import passage_probability
 from vibroscreen.kernels.segregation import layer_mass, segregate
-from vibroscreen.screen import put_inputs
+from vibroscreen.screen import Inputs
 
 Array = NDArray[np.float64]
 
@@ -265,7 +265,7 @@ def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None =
     config = screen.config
     feed, motion = feed or config.feed, motion or config.motion
     layout, buffer = slice_of(screen)
-    put_inputs(layout, buffer, feed, motion, config)
+    Inputs(layout, buffer).put(feed, motion)
     if run(buffer, START_SLICE, 0.0, 0.0) != lay.ACCEPTED:
         raise ValueError("the engine refuses these inputs")
     scene = layout.view(buffer, "scene")[0, 0].copy()

@@ -63,7 +63,7 @@ from vibroscreen.config import (
 )
 from vibroscreen.kernels import layout as lay
 from vibroscreen.kernels.entry import ADVANCE, SOLVE, run
-from vibroscreen.screen import LEAST_CELLS, put_inputs
+from vibroscreen.screen import LEAST_CELLS, Inputs
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 
@@ -266,7 +266,7 @@ class Solution:
         self.recovery = self.screen.solve_steady().recovery
         self.layout, self.buffer = self.screen._slice()
         self.inputs = self.layout.view(self.buffer, "input")
-        put_inputs(self.layout, self.buffer, config.feed, config.motion, config)
+        Inputs(self.layout, self.buffer).put(config.feed, config.motion)
 
     def nudge(self) -> None:
         """Another feed in the last digits, so that nothing can be taken over."""
