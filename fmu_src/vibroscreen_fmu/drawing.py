@@ -78,7 +78,7 @@ def _draw_stream(axes: Axes) -> None:
 
 
 def drawn() -> dict[str, bytes]:
-    """All pictures by file name. The model: a sloping deck in a box on springs, grains, its motion."""
+    """All pictures by file name: a screen with its grains and its motion, and a stream."""
     return {"model.png": png(_draw_screen), "stream.png": png(_draw_stream, 32)}
 
 

@@ -22,6 +22,7 @@ STREAM_KIND = "solids_stream"
 HALF, TERMINAL = 100, 10
 PICTURES = Path(__file__).with_name("pictures")  # made by drawing.py
 
+
 def model_png() -> bytes:
     """The picture of a screen."""
     return PICTURES.joinpath("model.png").read_bytes()

@@ -344,7 +344,8 @@ def _needs(parts: Engine) -> str:
     """What the host of an FMU needs, for its documentation."""
     packages = ", ".join(parts.requirements)
     text = (
-        f"Python 3.11 or newer with {packages} (resources/requirements.txt); linux64 or win64. A "
+        f"Python 3.11 or newer with {packages} (resources/requirements.txt); "
+        f"{' or '.join(parts.platforms)}. A "
         "host that is not Python itself must find libpython."
     )
     if parts.has_kernels:
