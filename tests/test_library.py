@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import subprocess
@@ -149,3 +150,71 @@ def test_constant_arguments_do_not_compile_anew() -> None:
 
     assert caller(1.0) == 5.0
     assert len(compiler._dispatchers[twice].signatures) == 1
+
+
+KERNELS = '''
+from vibroscreen.kernels.language import kernel
+SCALE = 2.0
+
+@kernel
+def scaled(x):
+    """Some text."""
+    return SCALE * x
+
+@kernel
+def other(x):
+    return x + 1.0
+
+@kernel
+def both(x):
+    return scaled(x) + other(x)
+'''
+COMPILE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import few
+from vibroscreen.kernels import compiler, kept
+made, save = [], kept.Store.save_overload
+def note(self, sig, cres):
+    made.append(self._name)
+    save(self, sig, cres)
+kept.Store.save_overload = note
+@compiler.compiled
+def call(x):
+    return few.both(x)
+print(call(3.0), *sorted(made))
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "printed"),
+    [
+        ("Some text.", "Another text.\n\n    And more.", "10.0"),
+        ("SCALE = 2.0", "SCALE = 3.0", "13.0 few.scaled"),
+        ("x + 1.0", "x + 2.0", "11.0 few.other"),
+        ("return SCALE * x", "return 7", "11.0 few.both few.scaled"),
+    ],
+    ids=["text", "constant", "code", "type"],
+)
+def test_an_edit_compiles_what_it_touches(tmp_path: Path, old: str, new: str, printed: str) -> None:
+    """Every kernel at first, none again; a caller only where a kernel gives another type."""
+    source = tmp_path / "few.py"
+    source.write_text(KERNELS)
+    own = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    assert _fresh(COMPILE, tmp_path, **own).split() == [
+        "10.0",
+        "few.both",
+        "few.other",
+        "few.scaled",
+    ]
+    assert _fresh(COMPILE, tmp_path, **own).split() == ["10.0"]
+    source.write_text(KERNELS.replace(old, new))
+    assert _fresh(COMPILE, tmp_path, **own).split() == printed.split()
+
+
+def test_without_a_linker_the_engine_is_compiled_in_memory(monkeypatch, tmp_path: Path) -> None:
+    """People without ziglang and a C compiler wait at every start, and get the same numbers."""
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert not library._made(tmp_path / "engine.so")
+    assert not list(tmp_path.iterdir())
