@@ -148,7 +148,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
 
 def test_plain_python_means_the_same() -> None:
     """The tests above hold where nothing is compiled, but that any array can be read."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", __file__]
     command += ["-k", "not refused and not plain_python"]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
