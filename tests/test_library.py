@@ -80,18 +80,28 @@ for path in sys.argv[1:]:
     found = hashlib.sha256()
     for _ in range(300):
         share = rng.random(screen.config.size_classes.count)
-        feed = Feed(float(rng.uniform(20.0, 140.0)), tuple(share / share.sum()))
-        motion = Motion.linear(float(rng.uniform(0.003, 0.006)), float(rng.uniform(12, 17)), 0.785)
-        kept = rng.random() < 0.5, rng.random() < 0.7
-        screen.step(float(rng.uniform(0.2, 3.0)), *(None if k else x
-                    for k, x in zip(kept, (feed, motion))))
-        found.update(screen.state)
-    found.update(screen.solve_steady().recovery.tobytes())
+        share /= share.sum()
+        feed = Feed(float(rng.uniform(20, 140)), tuple(share)) if rng.random() < 0.5 else None
+        motion = None
+        if rng.random() < 0.3:
+            amplitude, frequency = float(rng.uniform(0.003, 0.006)), float(rng.uniform(12, 17))
+            motion = Motion.linear(amplitude, frequency, 0.785)
+        step = screen.step(float(rng.uniform(0.2, 3)), feed, motion)
+        for stream in (step.undersize, step.oversize, *step.intermediate):
+            found.update(np.float64(stream.mass_flow_rate).tobytes())
+            found.update(np.ascontiguousarray(stream.mass_fraction).tobytes())
+        figures = step.hold_up, step.cut_size, step.drive_power, step.undersize_recovery
+        found.update(np.array(figures).tobytes())
+    steady = screen.solve_steady()
+    found.update(steady.recovery.tobytes())
+    found.update(np.float64(steady.cut_size).tobytes())
     print(found.hexdigest()[:16])
 """
+# Of version 0.4.0, where numba compiled kernel by kernel: how kernels are compiled changes no bit.
+BITS = ["adafe389003b6e8f", "5908d1f3314bb0f9", "1d4b9b7642ddb04d", "5d86b8c084624997"]
 SCREENS = [
     ROOT / "plant_examples" / "screens" / f"{name}.toml"
-    for name in ("quarry", "two_deck", "banana")
+    for name in ("quarry", "two_deck", "banana", "dem_plate")
 ]
 
 
@@ -111,9 +121,9 @@ def test_the_library_needs_no_compiler() -> None:
 
 def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
     """The library for a plain processor and for this one, and the engine compiled in memory."""
-    wanted = _fresh(WALK, *SCREENS)
-    assert _fresh(WALK, *SCREENS, VIBROSCREEN_PROCESSOR="plain") == wanted
-    assert _fresh(WALK, *SCREENS, VIBROSCREEN_ENGINE="jit") == wanted
+    assert _fresh(WALK, *SCREENS).split() == BITS
+    assert _fresh(WALK, *SCREENS, VIBROSCREEN_PROCESSOR="plain").split() == BITS
+    assert _fresh(WALK, *SCREENS, VIBROSCREEN_ENGINE="jit").split() == BITS
 
 
 def test_an_unknown_engine_is_refused() -> None:
