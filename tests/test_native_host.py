@@ -137,16 +137,9 @@ def unzipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(extract(str(path), unzipdir=str(folder / "screen")))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def host(unzipped: Path) -> Host:
     return Host(unzipped)
-
-
-@pytest.fixture(autouse=True)
-def _nothing_said_before(request: pytest.FixtureRequest) -> Iterator[None]:
-    if "host" in request.fixturenames:
-        request.getfixturevalue("host").said.clear()
-    yield
 
 
 @pytest.fixture

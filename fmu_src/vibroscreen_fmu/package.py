@@ -257,7 +257,7 @@ def write_fmu(config: ScreenConfig, folder: Path) -> Path:
 
 
 def write_model(model: Model, folder: Path, title: str = "") -> Path:
-    """Write the FMU of a model, `<title>.fmu`, into a folder; its title is its name if not given."""
+    """Write the FMU of a model, `<title>.fmu`, into a folder; by default its name is its title."""
     module, kind = model.slave
     parts = engine(module)
     build = build_of(model, parts)

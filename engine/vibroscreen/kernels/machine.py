@@ -38,13 +38,13 @@ MATHEMATICS = {
 NEEDED = {"sqrt", "memset", "memcpy", "memmove"}
 COMMON = ("-O2", "-std=c99", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-s")
 # Symbolic: a library calls itself, whatever others of its kind are loaded.
-ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack", "-ldl")
-ELF += ("-Wl,-Bsymbolic",)
+ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack")
+ELF += ("-Wl,-Bsymbolic", "-ldl")
 # What the library may take from the C library.
 ALLOWED = MATHEMATICS | {
-    *("atoi", "calloc", "free", "getenv", "malloc", "memchr", "memcmp", "memcpy"),
-    *("memmove", "memset", "snprintf", "sprintf", "strchr", "strcmp", "strcpy", "strcspn", "strlen", "strncmp"),
-    *("strrchr", "strspn", "strtol"),
+    *("atoi", "calloc", "free", "getenv", "malloc", "memchr", "memcmp", "memcpy", "memmove"),
+    *("memset", "snprintf", "sprintf", "strchr", "strcmp", "strcpy", "strcspn", "strlen"),
+    *("strncmp", "strrchr", "strspn", "strtol"),
     # files, and the place of the library
     *("dladdr", "dlclose", "dlopen", "dlsym", "fclose", "fopen", "fread", "realpath"),
     # of the start code of every library, weak, and of checked builds

@@ -379,20 +379,19 @@ const char *fmi2GetVersion(void) { return "2.0"; }
 static fmi2Status find_sheet(Screen *asking, const char *guid, const char *resources) {
     char *place[] = {beside(2, "resources/screen.bin"), located(resources, "screen.bin")};
     Message tried = {.used = 0};
-    int found = 0;
-    for (int k = 0; k < 2 && !found; k++) {
-        const char *wrong = place[k] ? read_sheet(&asking->sheet, open_file(place[k]), guid) : "names no folder";
-        found = !wrong;
-        if (found) break;
-        if (place[k]) free((void *) asking->sheet.bytes);
+    const char *wrong = "";
+    for (int k = 0; k < 2; k++) {
+        wrong = place[k] ? read_sheet(&asking->sheet, open_file(place[k]), guid) : "names no folder";
+        if (!wrong) break;
+        free((void *) asking->sheet.bytes);
+        asking->sheet.bytes = NULL;
         add_text(&tried, k ? "; " : "");
-        add_text(&tried, place[k] ? place[k] : k ? "the resource location" : "the library's own place");
+        add_text(&tried, place[k] ? place[k] : k ? "the resource location" : "the library's own path");
         add_text(&tried, " ");
         add_text(&tried, wrong);
     }
     free(place[0]), free(place[1]);
-    if (found) return fmi2OK;
-    asking->sheet.bytes = NULL;
+    if (!wrong) return fmi2OK;
     say(asking, fmi2Error, NO_SHEET, (Told) {.name = guid ? guid : "", .other = tried.text});
     return fmi2Error;
 }

@@ -23,8 +23,10 @@ SHEET_MARK, STATE_MARK = b"vsheet01", b"vscreen2"
 # Numbers of a screen. Sub-models of one's own: 1 where there is one, 0 where there is none.
 FAMILIES = ("displacement", "passage", "segregation")
 OWN = tuple(f"own_{family}" for family in FAMILIES)
-FIGURE = ("room", "own_layered", "shortest_step", "longest_step", "tolerance_least")
-FIGURE += ("tolerance_most", *OWN)
+FIGURE = (
+    *("room", "own_layered", "shortest_step", "longest_step", "tolerance_least", "tolerance_most"),
+    *OWN,
+)
 # Name in C of a user's own sub-model of a family.
 SUB_MODEL = "screen_own_{}"
 # What a variable may be read with, and how it may be set; bits of a byte.

@@ -133,7 +133,8 @@ def _variables(
 ) -> tuple[list[int], list[tuple[int, ...]]]:
     """All variables by value reference: what may be done with them, and what people call them."""
     size = max(port.reference for port in ports) + 1
-    flags, names = [0] * size, [(words.at(""),) * 4] * size
+    flags = [0] * size
+    names: list[tuple[int, ...]] = [(words.at(""),) * 4] * size
     for port in ports:
         settable = port.causality in ("input", "parameter")
         flags[port.reference] = (
