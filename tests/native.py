@@ -181,16 +181,21 @@ def replayed(
     calls: Sequence[Call],
     guid: str,
     folder: Path,
+    resources: str = "",
     **environment: str,
 ) -> bytes:
-    """What the library of an unzipped FMU answers, with what it reads and nothing else."""
+    """What the library of an unzipped FMU answers, with what it reads and nothing else.
+
+    resources: the location of what it reads, which does not lie beside it then.
+    """
     place, fmu = folder / "alone", library.parents[2]
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(library.parent, place / library.parent.relative_to(fmu))
-    shutil.copytree(fmu / "resources", place / "resources")
+    if not resources:
+        shutil.copytree(fmu / "resources", place / "resources")
     (place / "calls").write_bytes(record(calls, guid))
     done = subprocess.run(
-        [*map(str, program), f"./{library.relative_to(fmu).as_posix()}", "calls", "out"],
+        [*map(str, program), f"./{library.relative_to(fmu)}", "calls", "out", resources],
         cwd=place,
         env={**os.environ, **environment},
         capture_output=True,

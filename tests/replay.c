@@ -1,4 +1,6 @@
-/* Replays calls of FMI 2.0 from a file and writes down all that comes back: replay LIBRARY CALLS OUT
+/* Replays calls of FMI 2.0 from a file and writes down all that comes back:
+
+       replay LIBRARY CALLS OUT [RESOURCES]
 
    The same calls give the same bytes on every platform and from the runtime in Python
    (tests/native.py writes CALLS and knows the answer). Needs nothing but a C library. */
@@ -31,6 +33,7 @@ void *calloc(size_t n, size_t size) { return taken++, __libc_calloc(n, size); }
 static FILE *calls, *out;
 static void *library;
 static char guid[64];
+static const char *resources = "";
 
 static void *find(const char *name) {
     void *function = FIND(library, name);
@@ -68,7 +71,7 @@ static void hear(fmi2ComponentEnvironment environment, fmi2String instance, fmi2
 static const fmi2CallbackFunctions CALLBACKS = {.logger = hear, .allocateMemory = calloc, .freeMemory = free};
 
 static fmi2Component make(void) {
-    fmi2Component c = CALL(fmi2Instantiate)("screen", fmi2CoSimulation, guid, "", &CALLBACKS, 0, 1);
+    fmi2Component c = CALL(fmi2Instantiate)("screen", fmi2CoSimulation, guid, resources, &CALLBACKS, 0, 1);
     if (!c) fprintf(stderr, "no instance\n"), exit(2);
     return c;
 }
@@ -147,9 +150,10 @@ static void measure_steps(fmi2Component c) {
 }
 
 int main(int count, char **arguments) {
-    if (count != 4 || !(library = OPEN(arguments[1])) || !(calls = fopen(arguments[2], "rb"))
+    if (count == 5) resources = arguments[4];
+    if (count < 4 || !(library = OPEN(arguments[1])) || !(calls = fopen(arguments[2], "rb"))
         || !(out = fopen(arguments[3], "wb")))
-        return fprintf(stderr, "replay LIBRARY CALLS OUT\n"), 2;
+        return fprintf(stderr, "replay LIBRARY CALLS OUT [RESOURCES]\n"), 2;
     take(guid, 38);
     fmi2Component c = make();
     fmi2FMUstate kept = NULL;

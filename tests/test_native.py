@@ -308,6 +308,12 @@ def test_other_platforms_give_the_same_bytes(
     got = replayed([*program, made], unzipped, calls, one.guid, tmp_path, **quiet)
     wanted = one.python.answer(calls)
     assert got == wanted, first_difference(one.python, got)
+    # The library alone, and a resource location as a URI.
+    named = shutil.copytree(folder / "resources", tmp_path / "Müll & 100 % [1]")
+    uri = named.as_uri().replace("file:///", "file:///Z:/" if target == "win64" else "file:///")
+    some = calls[:20]
+    got = replayed([*program, made], unzipped, some, one.guid, tmp_path, uri, **quiet)
+    assert got == one.python.answer(some)
 
 
 def test_one_fmu_for_all_platforms(every_platform: Path) -> None:
