@@ -347,18 +347,24 @@ static int same_fixed(const Sheet *sheet, const double *one, const double *two) 
     return 1;
 }
 
-/* Start anew with the parameters and inputs in the buffer. */
-static fmi2Status start(const Screen *screen, Laid *laid) {
-    double *changing = laid->buffer + laid->at.outputs;
-    memset(changing, 0, (size_t) (laid->at.constants - laid->at.outputs) * sizeof(double));
-    memset(laid->buffer + laid->at.state, 0, (size_t) (laid->at.work - laid->at.state) * sizeof(double));
-    return run(screen, laid, COMMAND_INITIALISE, 0);
+/* Lay out a screen like another, with its parameters, inputs and constants. Most of a state stays
+   untouched memory of zeros: that is faster than to clear the one that there is. */
+static fmi2Status lay_like(const Screen *screen, const Laid *laid, Laid *made) {
+    if (make_buffer(screen, laid->buffer, made) != fmi2OK) return fmi2Error;
+    const Sections *at = &laid->at;
+    size_t parameters = (size_t) (at->inputs - PARAMETERS) * sizeof(double);
+    size_t given = (size_t) (at->outputs - PARAMETERS) * sizeof(double);
+    size_t constants = (size_t) (at->state - at->constants) * sizeof(double);
+    memcpy(made->buffer + PARAMETERS, laid->buffer + PARAMETERS, given);
+    memcpy(made->buffer + at->constants, laid->buffer + at->constants, constants);
+    memcpy(made->built_with, laid->built_with, parameters);
+    return fmi2OK;
 }
 
 static fmi2Status start_afresh(Screen *screen) {
     Laid made;
     fmi2Status status = lay(screen, screen->sheet.start, &made);
-    if (status == fmi2OK) status = start(screen, &made);
+    if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
     if (status != fmi2OK) {
         free(made.buffer);
         return status;
@@ -491,31 +497,21 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Screen *screen = c;
     if (!screen) return fmi2Error;
     if (screen->running) return refuse(screen, TEXT_STARTED, (Told) {.value = 0});
-    Laid *laid = &screen->laid, made = *laid;
+    Laid *laid = &screen->laid, made = {.buffer = NULL};
     const double *parameters = laid->buffer + PARAMETERS;
-    size_t whole = (size_t) laid->at.size * sizeof(double);
-    if (same_fixed(&screen->sheet, parameters, laid->built_with)) {
-        double *kept = malloc(whole);
-        if (!kept) return refuse(screen, TEXT_NO_ROOM, (Told) {.value = (double) whole});
-        memcpy(kept, laid->buffer, whole);
-        fmi2Status status = start(screen, laid);
-        if (status != fmi2OK) memcpy(laid->buffer, kept, whole);
-        free(kept);
-        if (status != fmi2OK) return status;
-    } else {
-        fmi2Status status = lay(screen, parameters, &made);
-        if (status == fmi2OK) {
-            size_t inputs = (size_t) (laid->at.outputs - laid->at.inputs) * sizeof(double);
-            memcpy(made.buffer + made.at.inputs, laid->buffer + laid->at.inputs, inputs);
-            status = start(screen, &made);
-        }
-        if (status != fmi2OK) {
-            free(made.buffer);
-            return status;
-        }
-        free(laid->buffer);
-        *laid = made;
+    fmi2Status status;
+    if (same_fixed(&screen->sheet, parameters, laid->built_with)) status = lay_like(screen, laid, &made);
+    else if ((status = lay(screen, parameters, &made)) == fmi2OK) {
+        size_t inputs = (size_t) (laid->at.outputs - laid->at.inputs) * sizeof(double);
+        memcpy(made.buffer + made.at.inputs, laid->buffer + laid->at.inputs, inputs);
     }
+    if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
+    if (status != fmi2OK) {
+        free(made.buffer);
+        return status;
+    }
+    free(laid->buffer);
+    *laid = made;
     screen->running = 1;
     return fmi2OK;
 }

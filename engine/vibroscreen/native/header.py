@@ -107,9 +107,17 @@ def header(engine: str, suffix: str) -> str:
         _enumeration("F", FIGURE),
         _enumeration("TEXT", texts()),
         f"static const char *const OWN_MODEL[] = {{{own}}};",
+        f"static const uint32_t CRC[] = {{{', '.join(map(str, map(_crc, range(256))))}}};",
         _layout_function(),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _crc(byte: int) -> int:
+    """What a byte adds to a CRC-32."""
+    for _ in range(8):
+        byte = byte >> 1 ^ 0xEDB88320 * (byte & 1)
+    return byte
 
 
 def _enumeration(prefix: str, names: Iterable[str]) -> str:

@@ -34,15 +34,8 @@ typedef struct {
 
 /* CRC-32 as zlib's, which goes on from that of what came before. */
 static uint32_t checksum(uint32_t before, const void *bytes, size_t size) {
-    uint32_t half[16], sum = ~before;
-    for (uint32_t k = 0; k < 16; k++) {
-        half[k] = k;
-        for (int bit = 0; bit < 4; bit++) half[k] = half[k] >> 1 ^ (half[k] & 1 ? 0xEDB88320u : 0);
-    }
-    for (const unsigned char *at = bytes; size--; at++) {
-        sum = sum >> 4 ^ half[(sum ^ *at) & 15];
-        sum = sum >> 4 ^ half[(sum ^ *at >> 4) & 15];
-    }
+    uint32_t sum = ~before;
+    for (const unsigned char *at = bytes; size--; at++) sum = sum >> 8 ^ CRC[(sum ^ *at) & 255];
     return ~sum;
 }
 
