@@ -476,6 +476,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "drive_setting": (5,),
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
+        "recovery": ("classes",),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
         "fall_start": ("decks", "falls"),
@@ -722,6 +723,7 @@ class Layout:
     AT_DRIVE_SETTING,
     AT_DISPLACEMENT_WORK,
     AT_CLASS_MASS,
+    AT_RECOVERY,
     AT_HOLD_UP_WORK,
     AT_FALL_START,
     AT_FALL_STOP,
