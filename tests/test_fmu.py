@@ -87,6 +87,7 @@ REAL_OUTPUTS = {
     **bed_of_deck(1),
     "motion.throw_number": ("1", None),
     "performance.undersize_recovery": ("1", None),
+    "performance.efficiency": ("1", None),
     "performance.cut_size": ("m", "mm"),
     "performance.ecart_probable": ("m", "mm"),
     "drive.power": ("W", "kW"),

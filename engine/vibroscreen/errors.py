@@ -56,6 +56,8 @@ TEXT = {
     "or reset the instance",
     "no_step": "a step before initialisation has ended or after the end: initialise the instance "
     "(after the end: reset it) and step then",
+    "no_tolerance": "tolerance = {value:.6g} is outside of the limits of {name}, which stays "
+    "{number:.6g}: give one within {limit:.6g} and {other_limit:.6g}",
     "started": "initialisation has ended before: reset the instance to start anew",
     "no_state": "state = {value:.15g} bytes are no state of a {name}: give what one wrote",
     "other_build": "state = {value:.15g} bytes are of another build of the FMU: give a state of "

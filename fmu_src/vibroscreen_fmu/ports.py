@@ -32,8 +32,9 @@ from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
 from vibroscreen.screen import VARIABLE, fill, nodes_of
 from vibroscreen_fmu.port import Enumeration, Port, Steps
 
-__all__ = ["ENUMERATIONS", "ports"]
+__all__ = ["ENUMERATIONS", "TOLERANCE", "ports"]
 
+TOLERANCE: Steps = ("solver", "tolerance")  # where the configuration has the solver's tolerance
 Limits = tuple[float | None, float | None]
 Place = tuple[str, *tuple[int, ...]]
 
@@ -229,6 +230,14 @@ _OUTPUTS = {
         _Meaning(
             "Share of what is fed finer than the top deck's smallest aperture that fell through "
             "the lowest deck in the last step"
+        ),
+    ),
+    "efficiency": (
+        "performance.efficiency",
+        "1",
+        _Meaning(
+            "Efficiency of the top deck: share of what is fed finer than its smallest aperture "
+            "that passed this deck in the last step; without feed the last one stays"
         ),
     ),
     "cut_size": (
