@@ -25,7 +25,7 @@ from closed_circuit import (
 )
 from components.crusher import ConeCrusher
 from components.mixer import Rates
-from components.screen_fmu import RefusedStep, ScreenFmu, ScreenStep
+from components.screen_fmu import RefusedStepError, ScreenFmu, ScreenStep
 from vibroscreen.config import ScreenConfig
 from vibroscreen.motion import Motion
 from vibroscreen.screen import Screen
@@ -208,7 +208,10 @@ def test_energy_by_hand(example: tuple[Circuit, Path]) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
-    [(lambda feed: -feed, "= -12 kg/s is below"), (lambda feed: np.nan * feed, "= nan kg/s is not")],
+    [
+        (lambda feed: -feed, "= -12 kg/s is below"),
+        (lambda feed: np.nan * feed, "= nan kg/s is not"),
+    ],
     ids=["negative feed", "not a number"],
 )
 def test_a_refused_step_says_why_and_cleans_up(
@@ -230,7 +233,7 @@ def test_a_refused_step_says_why_and_cleans_up(
             screen.step(spoil(feed), 15.5, 1.0)
 
     message = rf"^step of 1 s at 1 s refused: feed\.mass_flow_rate {words}"
-    with pytest.raises(RefusedStep, match=message):
+    with pytest.raises(RefusedStepError, match=message):
         spoil_a_running_screen()
     assert not list(tmp_path.iterdir())
     with ScreenFmu(fmu) as screen:

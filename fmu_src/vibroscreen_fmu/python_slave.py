@@ -16,8 +16,8 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import in_place
 from vibroscreen.screen import Screen
-from vibroscreen_fmu.port import Port, Steps
-from vibroscreen_fmu.ports import TOLERANCE, ports
+from vibroscreen_fmu.port import TOLERANCE, Port, Steps
+from vibroscreen_fmu.ports import ports
 from vibroscreen_fmu.row_slave import RowSlave, refusing
 
 __all__ = ["CONFIG_FILE", "ScreenSlave", "configured"]

@@ -21,12 +21,12 @@ from fmpy.fmi2 import (
 
 from components.mixer import Rates, composition
 
-__all__ = ["RefusedStep", "ScreenFmu", "ScreenStep"]
+__all__ = ["RefusedStepError", "ScreenFmu", "ScreenStep"]
 
 ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
 
 
-class RefusedStep(RuntimeError):
+class RefusedStepError(RuntimeError):
     """A step that the FMU did not do, with what it logged; its state is as before the step."""
 
 
@@ -98,7 +98,7 @@ class ScreenFmu:
     def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
         """Feed (kg/s by class) the screen that vibrates at `frequency` (Hz) for `step` seconds.
 
-        Raises RefusedStep with the FMU's own words if it refuses the step: fmi2Discard of the
+        Raises RefusedStepError with the FMU's own words if it refuses the step: fmi2Discard of the
         python runtime, fmi2Error of the native one.
         """
         self._composition = composition(feed, at_rest=self._composition)
@@ -108,7 +108,9 @@ class ScreenFmu:
             self._slave.doStep(self._time, step)
         except FMICallException as error:
             why = "; ".join(self._messages) or f"status {error.status}, nothing was logged"
-            raise RefusedStep(f"step of {step:g} s at {self._time:g} s refused: {why}") from error
+            raise RefusedStepError(
+                f"step of {step:g} s at {self._time:g} s refused: {why}"
+            ) from error
         self._time += step
         values = np.array(self._slave.getReal(self._outputs))
         streams = values[:-2].reshape(2, -1)  # rate and fractions of undersize, then of oversize
