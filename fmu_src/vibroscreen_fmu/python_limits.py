@@ -8,8 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import quote
 
-__all__ = ["HOST_SETUP", "IN_SHORT", "PYTHON_LIMITS", "Paragraph", "lost_characters"]
+__all__ = ["HOST_SETUP", "IN_SHORT", "LOST", "PYTHON_LIMITS", "Paragraph", "lost_characters"]
 
+# Characters of a path that a URI writes as %xx, but the space; so are all outside of ASCII.
+LOST = "()[]{}&,;:=@!?$'\"`^*|<>%#+"
 # A text, commands (a text of several lines), or a list.
 Paragraph = str | tuple[str, ...]
 
@@ -33,7 +35,7 @@ PYTHON_LIMITS: tuple[Paragraph, ...] = (
     "These end the host, by a segmentation fault or an abort:",
     (
         "a folder in the path of the unzipped FMU with a character that a URI writes as %xx, but "
-        "the space: ( ) [ ] { } & , ; : = @ ! ? $ ' \" ` ^ * | < > % # + and all outside of ASCII. "
+        f"the space: {' '.join(LOST)} and all outside of ASCII. "
         '"Program Files (x86)" and "R&D" are such folders. Letters, digits, . _ - ~ and space are '
         "fine, and so is a host that writes the path as it is, without %xx",
         "a resource location file:/path or file://localhost/path, an empty one, and NULL: only "
