@@ -1489,7 +1489,9 @@ def test_the_slave_is_plain_python(tmp_path: Path) -> None:
     slave.setup_experiment(0.0, None, 1e-3)
     slave.exit_initialization_mode()
     assert slave.do_step(0.0, 10.0)
-    with pytest.raises(RuntimeError, match="initialisation has ended before"):
+    with pytest.raises(
+        RuntimeError, match=r"solver\.tolerance is a fixed parameter of a model that runs"
+    ):
         slave.setup_experiment(0.0, 1.0, 1e-3)
     slave.setup_experiment(0.0)
     assert slave.get_real([]) == []

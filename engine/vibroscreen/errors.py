@@ -56,8 +56,6 @@ TEXT = {
     "or reset the instance",
     "no_step": "a step before initialisation has ended or after the end: initialise the instance "
     "(after the end: reset it) and step then",
-    "no_tolerance": "tolerance = {value:.6g} is outside of the limits of {name}, which stays "
-    "{number:.6g}: give one within {limit:.6g} and {other_limit:.6g}",
     "started": "initialisation has ended before: reset the instance to start anew",
     "no_state": "state = {value:.15g} bytes are no state of a {name}: give what one wrote",
     "other_build": "state = {value:.15g} bytes are of another build of the FMU: give a state of "
@@ -66,6 +64,8 @@ TEXT = {
     "written",
     "too_long": "{name} got no arrays to read from or write to: give them with as many values",
     "not_offered": "{name} is not offered: see the capabilities in modelDescription.xml",
+    "no_tolerance": "{given} is outside of the limits of {other}, which stays {number:.6g}: give "
+    "one within {limit:.6g} and {other_limit:.6g}",
     "other_guid": "guid = {other} is not that of this library, {name}: unpack the FMU anew",
     "no_instance": "{name} = {other} makes no instance: give a name and fmi2CoSimulation",
     "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",

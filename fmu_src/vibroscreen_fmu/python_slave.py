@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.errors import ConfigError, told
+from vibroscreen.errors import ConfigError, given, told
 from vibroscreen.fields import in_place
 from vibroscreen.screen import Screen
 from vibroscreen_fmu.port import TOLERANCE, Port, Steps
@@ -42,18 +42,18 @@ class ScreenSlave(RowSlave):
 
         One outside of its limits is told of with a warning, and the parameter stays.
         """
-        del start_time, stop_time
+        super().setup_experiment(start_time, stop_time, tolerance)
         if tolerance is None:
             return
-        if self._running:
-            raise ValueError(told("started"))
         port = next(port for port in self._table if port.path == TOLERANCE)
+        self._check_settable(port)
         assert port.least is not None
         assert port.most is not None
         if port.least <= tolerance <= port.most:
             self._values[port.reference] = tolerance
             return
-        about = {"value": tolerance, "name": port.name, "number": self._values[port.reference]}
+        stays = self._values[port.reference]
+        about = {"given": given("tolerance", tolerance), "other": port.name, "number": stays}
         limits = {"limit": port.least, "other_limit": port.most}
         self.note(told("no_tolerance", **about, **limits), Fmi2Status.warning)
 
