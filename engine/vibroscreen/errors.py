@@ -64,6 +64,8 @@ TEXT = {
     "written",
     "too_long": "{name} got no arrays to read from or write to: give them with as many values",
     "not_offered": "{name} is not offered: see the capabilities in modelDescription.xml",
+    "no_tolerance": "{given} is outside of the limits of {other}, which stays {number:.6g}: give "
+    "one within {limit:.6g} and {other_limit:.6g}",
     "other_guid": "guid = {other} is not that of this library, {name}: unpack the FMU anew",
     "no_instance": "{name} = {other} makes no instance: give a name and fmi2CoSimulation",
     "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",

@@ -186,9 +186,9 @@ class SteadyResult:
 
     @property
     def efficiency(self) -> float:
-        """Undersize recovery times oversize recovery."""
-        return performance.screening_efficiency(
-            self._nodes.size, self._fed, self._fine, self._coarse, self.aperture
+        """Of the top deck: what passed it of the feed finer than its lowest aperture."""
+        return performance.deck_efficiency(
+            self._nodes.size, self._fed, self._fine + self._between, self.aperture
         )
 
     @cached_property
