@@ -18,12 +18,12 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen_fmu.native.link import PLATFORMS, write_native_fmu
+from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import summary, write_fmu
 from vibroscreen_fmu.python_limits import IN_SHORT, lost_characters
 
 OUTPUT = Path("dist")
-RUNTIMES = ("python", "native")
+RUNTIMES = ("native", "python")
 # Runs in a process of its own, as a library that was loaded stays loaded.
 TRIAL = """
 import sys
@@ -38,12 +38,12 @@ if run["time"][-1] != end:  # a discarded step ends the run without an exception
 def build(
     config: ScreenConfig,
     output: Path = OUTPUT,
-    runtime: str = "python",
+    runtime: str = RUNTIMES[0],
     platforms: Sequence[str] = (),
 ) -> Path:
     """Write the FMU of a screen into the folder `output`, validate it and run two steps.
 
-    platforms: of runtime = native, this machine's if none is named. Returns the path. Raises
+    platforms: of runtime = native, those at hand if none is named. Returns the path. Raises
     ConfigError for a configuration or a platform that an FMU cannot carry, RuntimeError with what
     was found if the file is not valid or does not run. A file that was there stays then.
     """
@@ -89,12 +89,12 @@ def main(
         list[str] | None,
         typer.Option(
             help=f"of runtime = native, may be given several times: {', '.join(PLATFORMS)}; "
-            "this machine's if left out"
+            "this machine's and what else is at hand if left out"
         ),
     ] = None,
     output: Annotated[Path, typer.Option(help="Folder of the FMU.")] = OUTPUT,
 ) -> None:
-    """Build VibratingScreen.fmu, or VibratingScreen_native.fmu; validate it, say what it is."""
+    """Build VibratingScreen.fmu, or VibratingScreen_python.fmu; validate it, say what it is."""
     errors = Console(stderr=True, soft_wrap=True, markup=False)
     if runtime not in (*RUNTIMES, "both"):
         errors.print(f"runtime = {runtime!r} does not exist: choose {', '.join(RUNTIMES)} or both")

@@ -44,16 +44,15 @@ def build(platform: str, output: Path) -> Path:
     """Write the wheel of a platform into a folder; the engine is made first if it is not there."""
     from vibroscreen.kernels import library, machine
 
-    name = library.library_name(platform)
-    kept = library.cache_folder() / name
-    if not kept.exists():
-        machine.main(kept, platform)
+    kept = library.library(platform)
+    if kept is None:
+        raise SystemExit(f"the library for {platform} needs a linker: pip install ziglang")
     with tempfile.TemporaryDirectory() as folder:
         carried, made = Path(folder, "carried"), Path(folder, "made")
         carried.mkdir()
-        carried.joinpath(name).write_bytes(kept.read_bytes())
+        carried.joinpath(kept.name).write_bytes(kept.read_bytes())
         texts = {path.name: path.read_bytes() for path in library.sources()}
-        carried.joinpath(library.STAMP).write_bytes(library.stamp_note(texts, library.stamp()))
+        carried.joinpath(library.STAMP).write_bytes(library.stamp_note(texts, library.stamps()))
         tag = f"py3-none-{machine.PLATFORMS[platform].wheel}"
         command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation"]
         subprocess.run(

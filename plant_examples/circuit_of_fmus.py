@@ -43,7 +43,8 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
 from vibroscreen.stream import Feed
 from vibroscreen.units import MINUTE, PERCENT
-from vibroscreen_fmu.package import write_fmu, write_model
+from vibroscreen_fmu.native.fmu import write_native_fmu
+from vibroscreen_fmu.package import write_model
 
 FRESH_FEED = SCHEDULE[0].fresh_feed
 STEP = 2.0  # s, communication step
@@ -76,11 +77,10 @@ def write_circuit(folder: Path, screen: Path | None = None) -> dict[str, Path]:
     edges = np.array(config.size_classes.edges)
     fresh = rosin_rammler(edges, FEED_SIZE, FEED_EXPONENT)
     folder.mkdir(parents=True, exist_ok=True)
-    made = folder / "VibratingScreen.fmu"
     if screen is None:
-        write_fmu(config, folder)
+        made = write_native_fmu(config, folder)
     else:
-        shutil.copyfile(screen, made)
+        made = Path(shutil.copyfile(screen, folder / "VibratingScreen.fmu"))
     return {
         "mixer": write_model(mixer_model(edges, fresh, FRESH_FEED), folder),
         "crusher": write_model(crusher_model(edges, fresh, CLOSED_SIDE_SETTING), folder),
@@ -211,7 +211,7 @@ def main(
         ROOT / "dist" / "circuit"
     ),
     screen: Annotated[
-        Path | None, typer.Option(help="Another FMU of the default screen, such as a native one.")
+        Path | None, typer.Option(help="Another FMU of the default screen, such as a python one.")
     ] = None,
 ) -> tuple[float, float]:
     """Write the circuit, run it with fmpy; return the load it found and the one to expect, 1."""

@@ -1,7 +1,7 @@
 /* What does a day of plant time cost when a program in C runs the screen? One with a steady feed, and
    one with a feed that never rests: it wanders by 5 % around its duty with a memory of a minute.
 
-   python build_fmu.py --runtime native && unzip -oq dist/VibratingScreen_native.fmu -d dist/screen
+   python build_fmu.py && unzip -oq dist/VibratingScreen.fmu -d dist/screen
    cc -O2 plant_examples/day_of_plant.c -I "$(python -c 'import fmpy; print(fmpy.__path__[0])')/c-code" \
        -ldl -lm -o dist/day && dist/day dist/screen [SECONDS] */
 #include <dlfcn.h>

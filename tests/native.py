@@ -20,13 +20,14 @@ import fmpy
 import numpy as np
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen_fmu.native import link
+from vibroscreen.kernels import library, machine
 from vibroscreen_fmu.package import build_of, engine, screen_model
 from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.python_slave import CONFIG_FILE, ScreenSlave
 from vibroscreen_fmu.row_slave import slave_class
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
+HOST = str(library.host())
 REPLAY = Path(__file__).with_name("replay.c")
 OK, ERROR = b"\x00", b"\x03"
 NUMBERS = {"R": "d", "I": "i", "r": "", "b": ""}
@@ -160,9 +161,11 @@ def record(calls: Sequence[Call], guid: str) -> bytes:
 
 def compiled(source: Path, made: Path, *flags: str, target: str | None = None) -> Path:
     """A program from C, for this machine or for a platform of the linker."""
-    command, crossing = link.linker()
+    found = machine.find_linker()
+    assert found, "nothing here compiles C"
+    command, crossing = found
     if target:
-        flags = ("-target", link.PLATFORMS[target].zig, *flags)
+        flags = ("-target", machine.PLATFORMS[target].zig, *flags)
     elif crossing and shutil.which("cc"):
         command = ("cc",)
     warnings = ("-std=gnu99", "-Wall", "-Wextra", "-Werror")
@@ -180,14 +183,14 @@ def replayed(
     folder: Path,
     **environment: str,
 ) -> bytes:
-    """What a library answers, in a folder that holds nothing else."""
-    place = folder / "alone"
+    """What the library of an unzipped FMU answers, with what it reads and nothing else."""
+    place, fmu = folder / "alone", library.parents[2]
     shutil.rmtree(place, ignore_errors=True)
-    place.mkdir()
-    shutil.copy(library, place)
+    shutil.copytree(library.parent, place / library.parent.relative_to(fmu))
+    shutil.copytree(fmu / "resources", place / "resources")
     (place / "calls").write_bytes(record(calls, guid))
     done = subprocess.run(
-        [*map(str, program), f"./{library.name}", "calls", "out"],
+        [*map(str, program), f"./{library.relative_to(fmu).as_posix()}", "calls", "out"],
         cwd=place,
         env={**os.environ, **environment},
         capture_output=True,
@@ -201,8 +204,8 @@ def replayed(
 def unzipped_library(fmu: Path, folder: Path) -> Path:
     """The library for this machine of an FMU that is unzipped into a folder."""
     fmpy.extract(str(fmu), unzipdir=str(folder))
-    (library,) = (folder / "binaries" / link.default_platforms()[0]).iterdir()
-    return library
+    (found,) = (folder / "binaries" / HOST).glob("VibratingScreen.*")
+    return found
 
 
 class Python:
@@ -236,6 +239,7 @@ class Python:
             elif call == "D":
                 self._step(slave, *rest)
             elif call == "X":
+                slave.setup_experiment(0.0)
                 self._try(slave.exit_initialization_mode)
             elif call == "T":
                 self._try(slave.terminate)

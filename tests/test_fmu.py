@@ -229,7 +229,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def fmu(folder: Path) -> Path:
-    return build_fmu.build(ScreenConfig.default(), folder)
+    return build_fmu.build(ScreenConfig.default(), folder, "python")
 
 
 @pytest.fixture(scope="session")
@@ -248,7 +248,7 @@ def unzipped(fmu: Path) -> Iterator[Path]:
 def two_decks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The FMU of the double-deck screen."""
     config = ScreenConfig.load(SCREENS / "two_deck.toml")
-    return build_fmu.build(config, tmp_path_factory.mktemp("two_decks"))
+    return build_fmu.build(config, tmp_path_factory.mktemp("two_decks"), "python")
 
 
 @pytest.fixture
@@ -1450,7 +1450,7 @@ def test_the_command_refuses_what_does_not_exist(tmp_path: Path) -> None:
     assert "none.toml" in error
     code, _, error = command("--runtime", "naive")
     assert code == 2
-    assert "runtime = 'naive' does not exist: choose python" in error
+    assert "runtime = 'naive' does not exist: choose native, python or both" in error
 
 
 def test_a_screen_that_cannot_run_is_refused_at_once(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -147,6 +148,22 @@ def test_the_stamp_follows_what_kernels_say() -> None:
     assert library.says(one) != library.says(other)
 
 
+def test_the_c_layer_has_a_stamp_of_its_own(monkeypatch, tmp_path: Path) -> None:
+    """An edit of it compiles no kernel; the library gets another name."""
+    before, name = library.stamps(), library.library_name("linux64")
+    shutil.copytree(library.NATIVE, tmp_path / "native")
+    with (tmp_path / "native" / "fmi2.c").open("a") as source:
+        source.write("/* another */\n")
+    monkeypatch.setattr(library, "NATIVE", tmp_path / "native")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    library.stamps.cache_clear()
+    after, other = library.stamps(), library.library_name("linux64")
+    monkeypatch.undo()
+    library.stamps.cache_clear()
+    assert (before[0] == after[0], before[1] == after[1], name == other) == (True, False, False)
+    assert library.stamps() == before
+
+
 def test_constant_arguments_do_not_compile_anew() -> None:
     """One specialisation a kernel: numba would make one for every constant argument."""
 
@@ -226,5 +243,6 @@ def test_without_a_linker_the_engine_is_compiled_in_memory(monkeypatch, tmp_path
     """People without ziglang and a C compiler wait at every start, and get the same numbers."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.setenv("CC", "no-such-compiler")
-    assert not library._made(tmp_path / "engine.so")
+    for target in (str(library.host()), "win64"):
+        assert not library._made(tmp_path / "engine.so", target)
     assert not list(tmp_path.iterdir())

@@ -22,16 +22,15 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
-from native import OK, REPLAY, Call, Python, compiled, replayed, unzipped_library, walk
+from native import HOST, OK, REPLAY, Call, Python, compiled, replayed, unzipped_library, walk
 
 import build_fmu
 from vibroscreen import Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.errors import TEXT, ConfigError
-from vibroscreen.kernels import registry
-from vibroscreen_fmu.native import link
-from vibroscreen_fmu.native.tables import header
-from vibroscreen_fmu.package import build_of, engine, screen_model
+from vibroscreen.kernels import library, machine, registry
+from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
+from vibroscreen_fmu.package import screen_model
 from vibroscreen_fmu.python_slave import ScreenSlave
 from vibroscreen_fmu.row_slave import slave_class
 
@@ -87,10 +86,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
         if name not in known:
             folder = tmp_path_factory.mktemp("native")
             config = configurations()[name]
-            path = link.write_native_fmu(config, folder)
-            library = unzipped_library(path, folder / "unzipped")
+            path = write_native_fmu(config, folder, [HOST])
+            unzipped = unzipped_library(path, folder / "unzipped")
             guid = read_model_description(str(path)).guid
-            known[name] = Built(config, library, guid, Python(config, folder))
+            known[name] = Built(config, unzipped, guid, Python(config, folder))
         return known[name]
 
     return build
@@ -100,7 +99,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
 def every_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The default screen's FMU for all platforms."""
     folder = tmp_path_factory.mktemp("platforms")
-    return build_fmu.build(ScreenConfig.default(), folder, "native", tuple(link.PLATFORMS))
+    return build_fmu.build(ScreenConfig.default(), folder, "native", PLATFORMS)
 
 
 @pytest.fixture(scope="module")
@@ -301,13 +300,12 @@ def test_other_platforms_give_the_same_bytes(
     program = emulator(target)
     one = built("default")
     folder = Path(extract(str(every_platform), unzipdir=str(tmp_path / "unzipped")))
-    suffix = link.PLATFORMS[target].suffix
-    name = "replay.exe" if suffix == "dll" else "replay"
+    name = "replay.exe" if target == "win64" else "replay"
     made = compiled(REPLAY, tmp_path / name, target=target)
-    (library,) = folder.glob(f"binaries/{target}/*.{suffix}")
+    (unzipped,) = (folder / "binaries" / target).iterdir()
     calls = list(walk(one.python.ports, STEPS // 20, seed=3, hostile=True))
     quiet = {"WINEDEBUG": "-all", "WINEPREFIX": str(tmp_path / "wine")}
-    got = replayed([*program, made], library, calls, one.guid, tmp_path, **quiet)
+    got = replayed([*program, made], unzipped, calls, one.guid, tmp_path, **quiet)
     wanted = one.python.answer(calls)
     assert got == wanted, first_difference(one.python, got)
 
@@ -317,12 +315,13 @@ def test_one_fmu_for_all_platforms(every_platform: Path) -> None:
     with zipfile.ZipFile(every_platform) as archive:
         found = {Path(name).parts[1] for name in archive.namelist() if name.startswith("binaries")}
         start = {
-            target: archive.read(f"binaries/{target}/VibratingScreen.{platform.suffix}")[:4]
-            for target, platform in link.PLATFORMS.items()
+            target: archive.read(f"binaries/{target}/VibratingScreen{suffix}")
+            for target, suffix in library.SUFFIX.items()
         }
-    assert found == set(link.PLATFORMS)
-    assert build_fmu.platforms_of(every_platform) == sorted(link.PLATFORMS)
-    assert start["darwin64"] == bytes.fromhex("cafebabe")  # for two processors
+    assert found == set(PLATFORMS)
+    assert all(len(content) < 800_000 for name, content in start.items() if name != "darwin64")
+    start = {target: content[:4] for target, content in start.items()}
+    assert build_fmu.platforms_of(every_platform) == sorted(PLATFORMS)
     assert start["linux64"] == start["aarch64-linux"] == b"\x7fELF"
     assert start["win64"][:2] == b"MZ"
     assert start["darwin64"] == bytes.fromhex("cafebabe")  # for two processors
@@ -330,19 +329,21 @@ def test_one_fmu_for_all_platforms(every_platform: Path) -> None:
 
 # --- what it is made of --------------------------------------------------------------------------
 def test_the_library_needs_the_c_library_and_shows_fmi(built: Callable[[str], Built]) -> None:
-    library = built("default").library
-    shown, taken = link.symbols(library.read_bytes())
+    one = built("default").library
+    shown, taken = machine.symbols(one.read_bytes())
     declared = re.findall(
         r"\bFMI2_Export fmi2\w+TYPE\s+(fmi2\w+);", (HEADERS / "fmi2Functions.h").read_text()
     )
     simulation = {name for name in declared if not re.search(MODEL_EXCHANGE, name)}
-    assert shown == simulation
-    assert taken <= link.ALLOWED
-    needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout
+    assert {name for name in shown if not name.startswith("vibroscreen_")} == simulation
+    assert {"vibroscreen_run", "vibroscreen_plan"} < shown
+    assert taken <= machine.ALLOWED
+    needed = subprocess.run(["ldd", one], capture_output=True, text=True, check=True).stdout
     names = {Path(line.split()[0]).name for line in needed.splitlines()}
     assert {name.partition(".")[0] for name in names} <= {
         "linux-vdso",
         "libc",
+        "libdl",
         "libm",
         "ld-linux-x86-64",
     }
@@ -357,10 +358,14 @@ MODEL_EXCHANGE = (
 def test_the_fmu_is_small_and_the_same_every_time(
     built: Callable[[str], Built], tmp_path: Path
 ) -> None:
-    one = link.write_native_fmu(built("default").config, tmp_path / "one")
-    two = link.write_native_fmu(built("default").config, tmp_path / "two")
+    one = write_native_fmu(built("default").config, tmp_path / "one", [HOST])
+    two = write_native_fmu(built("default").config, tmp_path / "two", [HOST])
     assert one.read_bytes() == two.read_bytes()
-    assert one.stat().st_size < 200_000
+    assert one.stat().st_size < 300_000
+    # Another screen has the same library.
+    other = zipfile.ZipFile(write_native_fmu(built("banana").config, tmp_path / "other", [HOST]))
+    name = f"binaries/{HOST}/{built('banana').library.name}"
+    assert other.read(name) == zipfile.ZipFile(one).read(name)
 
 
 def test_contract_of_both_runtimes(every_platform: Path) -> None:
@@ -423,13 +428,20 @@ def test_threads_have_their_own_screens(built: Callable[[str], Built], tmp_path:
 
 
 # --- memory --------------------------------------------------------------------------------------
-def sanitized(config: ScreenConfig, folder: Path, guid: str) -> Path:
-    """The library with checks of addresses and of undefined behaviour in its C."""
-    model = screen_model(config)
-    text = header(config, model.ports, model.name, guid, build_of(model, engine(model.slave[0])))
+def sanitized(fmu: Path, folder: Path) -> Path:
+    """The library in an FMU like that in `fmu`, with its C checked for what is not allowed in C.
+
+    The kernels are those of the engine library, which it needs to lie where it does.
+    """
+    shutil.copytree(fmu / "resources", folder / "resources")
     flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
-    made = folder / "checked.so"
-    made.write_bytes(link.library(config, "linux64", text, flags))
+    made = folder / "binaries" / HOST / "VibratingScreen.so"
+    made.parent.mkdir(parents=True)
+    kernels = str(library.library())
+    content = machine.link(
+        machine.PLATFORMS[HOST], "checked", machine.native_sources(HOST), (*flags, kernels)
+    )
+    made.write_bytes(content)
     return made
 
 
@@ -438,13 +450,13 @@ def test_clean_under_sanitizers(
 ) -> None:
     if not shutil.which("gcc"):
         pytest.skip("gcc is not installed: nothing here has an address sanitizer")
-    monkeypatch.setattr(link, "linker", lambda: (("gcc",), False))
+    monkeypatch.setattr(machine, "find_linker", lambda: (("gcc",), False))
     one = built("two decks")
-    library = sanitized(one.config, tmp_path, one.guid)
+    checked = sanitized(one.library.parents[2], tmp_path / "checked")
     program = tmp_path / "replay"
     compiled(REPLAY, program, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
     calls = list(walk(one.python.ports, SANITIZED_STEPS, seed=4, hostile=True))
-    got = replayed([program], library, [*calls, ("P",)], one.guid, tmp_path)
+    got = replayed([program], checked, [*calls, ("P",)], one.guid, tmp_path)
     wanted = one.python.answer(calls)
     assert got.startswith(wanted), first_difference(one.python, got)
 
@@ -477,17 +489,21 @@ def allocating_passage(size, fraction, scene, probability) -> None:
     probability[:] = copy
 
 
-def test_a_sub_model_of_ones_own_is_compiled_in(replay: Path, tmp_path: Path) -> None:
+def test_a_sub_model_of_ones_own_lies_beside_the_engine(replay: Path, tmp_path: Path) -> None:
     registry.register("passage", "straight", square_root_passage)
     config = ScreenConfig.default().replace(passage=Passage("straight", velocity=0.08))
-    path = link.write_native_fmu(config, tmp_path)
+    path = write_native_fmu(config, tmp_path, [HOST])
     assert validate_fmu(str(path)) == []
-    library = unzipped_library(path, tmp_path / "unzipped")
+    unzipped = unzipped_library(path, tmp_path / "unzipped")
+    own = unzipped.with_stem("VibratingScreen_own")
+    shown, taken = machine.symbols(own.read_bytes())
+    assert shown == {"screen_own_passage"}
+    assert taken <= machine.ALLOWED
     ports = screen_model(config, built_in=False).ports
     outputs = [p for p in ports if p.causality == "output" and p.kind == "Real"]
     calls: list[Call] = [("X",), ("D", 30.0), ("r", [p.reference for p in outputs])]
     guid = read_model_description(str(path)).guid
-    got = replayed([replay], library, calls, guid, tmp_path)
+    got = replayed([replay], unzipped, calls, guid, tmp_path)
     screen = Screen(config)
     screen.advance(30.0)
     screen.read()
@@ -496,13 +512,18 @@ def test_a_sub_model_of_ones_own_is_compiled_in(replay: Path, tmp_path: Path) ->
     assert got == OK * 3 + values.tobytes()
     plain = Screen(config.replace(passage=Passage("gaudin", velocity=0.08)))
     assert plain.step(30.0).undersize.mass_flow_rate != screen.result().undersize.mass_flow_rate
+    own.unlink()
+    with pytest.raises(AssertionError, match="no instance"):
+        replayed([replay], unzipped, calls, guid, tmp_path)
+    said = (tmp_path / "alone" / "out").read_text()
+    assert "VibratingScreen_own.so is missing or does not load: unpack the whole FMU" in said
 
 
 def test_a_sub_model_that_needs_python_is_refused(tmp_path: Path) -> None:
     registry.register("passage", "allocates", allocating_passage)
     config = ScreenConfig.default().replace(passage=Passage("allocates"))
     with pytest.raises(ConfigError, match="must not allocate, print or call Python"):
-        link.write_native_fmu(config, tmp_path)
+        write_native_fmu(config, tmp_path, [HOST])
     assert not list(tmp_path.glob("*.fmu"))
 
 
@@ -514,16 +535,19 @@ def test_platforms_that_are_not_possible_are_said(
     with pytest.raises(
         ConfigError, match="platform = 'vax' is unknown: give one or more of linux64"
     ):
-        link.write_native_fmu(config, tmp_path, ["vax"])
-    monkeypatch.setattr(link, "linker", lambda: (("cc",), False))
-    with pytest.raises(ConfigError, match=r"win64 cannot be linked by cc.*pip install ziglang"):
-        link.write_native_fmu(config, tmp_path, ["win64"])
+        write_native_fmu(config, tmp_path, ["vax"])
+    monkeypatch.setattr(library, "library", lambda target=None: None)
+    monkeypatch.setattr(library, "_found", lambda target: None)
+    for platforms in ((), ["win64"]):
+        with pytest.raises(ConfigError, match=r"nothing here can link one: pip install ziglang"):
+            write_native_fmu(config, tmp_path, platforms)
     monkeypatch.undo()
-    monkeypatch.setattr(link.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(ConfigError, match="runtime = native needs a linker: pip install ziglang"):
-        link.linker()
+    monkeypatch.setattr(machine, "find_linker", lambda: (("cc",), False))
+    with pytest.raises(ConfigError, match=r"cannot be linked by cc.*pip install ziglang"):
+        machine.link(machine.PLATFORMS["win64"], "own", {}, ())
+    monkeypatch.setattr(machine, "find_linker", lambda: None)
+    with pytest.raises(ConfigError, match="a library needs a linker: pip install ziglang"):
+        machine.link(machine.PLATFORMS[HOST], "own", {}, ())
 
 
 def test_a_host_in_c_runs_a_screen(built: Callable[[str], Built], tmp_path: Path) -> None:

@@ -66,8 +66,6 @@ TEXT = {
     "not_offered": "{name} is not offered: see the capabilities in modelDescription.xml",
     "no_tolerance": "{given} is outside of the limits of {other}, which stays {number:.6g}: give "
     "one within {limit:.6g} and {other_limit:.6g}",
-    "other_guid": "guid = {other} is not that of this library, {name}: unpack the FMU anew",
-    "no_instance": "{name} = {other} makes no instance: give a name and fmi2CoSimulation",
     "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",
     "failed": "the engine failed, code {value:.6g}: report it with the inputs of this step",
     "state_size": "state = {value:.15g} bytes is not a state of this screen ({limit:.15g} bytes): "

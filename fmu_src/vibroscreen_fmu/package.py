@@ -104,6 +104,10 @@ ABOUT = (
         ),
     ),
 )
+NO_ENGINE = (
+    "the FMU needs the engine as a library, and nothing here can link one: pip install ziglang "
+    "(pip install 'vibroscreen[fmu]'), or, for this machine only, install a C compiler"
+)
 LICENCE = "MIT. The licence of pythonfmu lies beside this page."
 # What is vendored under one name, from the ground up. Kernels are apart, as their library is.
 KERNELS, ENGINE, ADAPTER = "vibroscreen.kernels", "vibroscreen", "vibroscreen_fmu"
@@ -154,10 +158,7 @@ class Engine:
     def _at_hand(self) -> dict[str, Path]:
         found = {name: path for name, path in library.at_hand().items() if name in PLATFORMS}
         if not found:
-            raise ConfigError(
-                "the FMU needs the engine as a library, and nothing here can link one: "
-                "pip install ziglang (pip install 'vibroscreen[native]'), or install a C compiler"
-            )
+            raise ConfigError(NO_ENGINE)
         return found
 
     def libraries(self) -> Files:
@@ -170,7 +171,7 @@ class Engine:
             for name, text in self.sources.items()
             if name.startswith(f"{home}/")
         }
-        found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamp())}
+        found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamps())}
         for path in self._at_hand().values():
             found[f"{home}/{path.name}"] = path.read_bytes()
         return found
@@ -250,15 +251,15 @@ def screen_model(config: ScreenConfig, *, built_in: bool = True) -> Model:
 
 
 def write_fmu(config: ScreenConfig, folder: Path) -> Path:
-    """Write `VibratingScreen.fmu` of a screen into a folder.
+    """Write `VibratingScreen_python.fmu` of a screen into a folder: it runs in Python.
 
     Raises ConfigError for a configuration that an FMU cannot carry.
     """
-    return write_model(screen_model(config), folder)
+    return write_model(screen_model(config), folder, f"{MODEL_NAME}_python")
 
 
-def write_model(model: Model, folder: Path) -> Path:
-    """Write the FMU of a model, `<name>.fmu`, into a folder."""
+def write_model(model: Model, folder: Path, title: str = "") -> Path:
+    """Write the FMU of a model, `<title>.fmu`, into a folder; by default its name is its title."""
     module, kind = model.slave
     parts = engine(module)
     build = build_of(model, parts)
@@ -290,7 +291,7 @@ def write_model(model: Model, folder: Path) -> Path:
         **{f"resources/{name}": content for name, content in resources.items()},
     }
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{model.name}.fmu"
+    path = folder / f"{title or model.name}.fmu"
     write_zip(path, files)
     return path
 

@@ -10,13 +10,10 @@ import contextlib
 import ctypes
 import functools
 import os
-import struct
 import sys
 import threading
-import zlib
 from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
 
@@ -27,8 +24,9 @@ from pythonfmu.fmi2slave import Fmi2Slave
 
 from vibroscreen.errors import told
 from vibroscreen_fmu.port import Port
+from vibroscreen_fmu.saved_state import packed, unpacked
 
-__all__ = ["STATE_MARK", "RowSlave", "owner_of", "refusing", "slave_class", "take_reference"]
+__all__ = ["RowSlave", "refusing", "slave_class", "take_reference"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -40,9 +38,6 @@ _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
 _READ_AS_REAL = (*_REAL, *_INTEGER, *_BOOLEAN)
 # Lists of value references whose places are remembered. Masters use a few, over and over.
 _MOST_REMEMBERED = 256
-# A saved state: mark and version, build it belongs to, whether it runs, checksum, the rest.
-_STATE_HEAD = struct.Struct("<8s16sQQ")
-STATE_MARK = b"vscreen1"
 
 
 @functools.lru_cache(maxsize=256)
@@ -98,6 +93,7 @@ class RowSlave(Fmi2Slave):
         self._forget()
         self._in_library = "logger" in kwargs
         self._running = self._ended = False
+        self._time = 0.0
         if self._in_library:
             _finalize_at_exit(Path(self.resources))
             # All is imported: the host's path need not lead here, once more for every instance.
@@ -128,6 +124,13 @@ class RowSlave(Fmi2Slave):
         """Go back to what `memory` gave; changes nothing if it raises."""
 
     # --- life of the instance -----------------------------------------------------------------
+    def setup_experiment(
+        self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
+    ) -> None:
+        """The time that it begins at, s."""
+        del stop_time, tolerance
+        self._time = start_time
+
     @refusing
     def exit_initialization_mode(self) -> None:
         """Start with the parameters and inputs set so far."""
@@ -144,11 +147,11 @@ class RowSlave(Fmi2Slave):
         Not raised: pythonfmu's library logs an exception once more, as fatal and without a
         category, which ends some hosts. What is raised here is a defect of the model.
         """
-        del current_time
         try:
             if not self._running or self._ended:
                 raise ValueError(told("no_step"))
             self.advance(step_size)
+            self._time = current_time + step_size
         except ValueError as error:
             self.note(str(error))
             return False
@@ -204,24 +207,13 @@ class RowSlave(Fmi2Slave):
     # --- state --------------------------------------------------------------------------------
     @refusing
     def _get_fmu_state(self) -> bytes:
-        body = self.memory()
-        return (
-            _STATE_HEAD.pack(STATE_MARK, owner_of(self.build), self._running, zlib.crc32(body))
-            + body
-        )
+        return packed(self.build, self._running, self._time, self.memory())
 
     @refusing
     def _set_fmu_state(self, state: bytes) -> None:
-        head, body = state[: _STATE_HEAD.size], state[_STATE_HEAD.size :]
-        if len(head) < _STATE_HEAD.size or not head.startswith(STATE_MARK):
-            raise ValueError(told("no_state", value=len(state), name=type(self).__name__))
-        _, owner, running, checksum = _STATE_HEAD.unpack(head)
-        if owner != owner_of(self.build):
-            raise ValueError(told("other_build", value=len(state)))
-        if checksum != zlib.crc32(body):
-            raise ValueError(told("broken_state", value=len(state)))
+        running, time, body = unpacked(self.build, type(self).__name__, state)
         self.recall(body)
-        self._running, self._ended = bool(running), False
+        self._running, self._ended, self._time = running, False, time
         self._forget()
 
     # A state is bytes from the start. They are checked when they are set, where the instance is
@@ -322,11 +314,6 @@ def slave_class(kind: type[RowSlave], name: str, build: str) -> type[RowSlave]:
     """The class of a build's slaves; the same one for all instances in a process."""
     made: Any = _Found(name, (kind,), {"build": build})
     return cast("type[RowSlave]", made)
-
-
-def owner_of(build: str) -> bytes:
-    """Sixteen bytes that only states of a build have."""
-    return sha256(build.encode()).digest()[:16]
 
 
 def take_reference(kept: object) -> None:

@@ -125,7 +125,7 @@ def main(repeat: int = 7, output: Path | None = None, *, quick: bool = False) ->
         cache = library.cache_folder().parent if quick else Path(folder, "cache")
         cold = {} if quick else run_fresh(FIRST, cache)
         progress.update(whole, advance=1, description="build the FMU")
-        path = build(ScreenConfig.default(), Path(folder))
+        path = build(ScreenConfig.default(), Path(folder), "python")
         progress.advance(whole)
         run_fresh(FIRST, cache)
         runs: dict[str, list[dict[str, float]]] = {"numba": [], "warm": [], "fmu": []}

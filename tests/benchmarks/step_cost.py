@@ -625,7 +625,7 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
     start = [config.feed.mass_flow_rate, *config.feed.mass_fraction]
     found: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        path = build(config, Path(folder))
+        path = build(config, Path(folder), "python")
         for change in ("steady scene", "frequency"):
             engine, screen, stepper = Scene(config), Scene(config), Scene(config)
             with instances(path, 2) as (slaves, inputs, outputs):
@@ -678,7 +678,7 @@ def edge_cost(effort: Effort) -> dict[str, float]:
     feed = Feed(ScreenConfig.default().feed.mass_flow_rate, typical_fractions(edges))
     config = ScreenConfig(SizeClasses(edges), feed=feed)
     with tempfile.TemporaryDirectory() as folder:
-        path = build(config, Path(folder))
+        path = build(config, Path(folder), "python")
         variables = read_model_description(str(path)).modelVariables
         inputs = [v for v in variables if v.causality == "input"]
         outputs = [v for v in variables if v.causality == "output" and v.type == "Real"]

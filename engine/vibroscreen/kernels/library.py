@@ -5,10 +5,11 @@ the user's cache folder, made there by whoever needs it first. Without a linker,
 VIBROSCREEN_ENGINE=jit, the same code is made in memory; VIBROSCREEN_ENGINE=python (or
 NUMBA_DISABLE_JIT=1) runs kernels as plain Python. All give the same bits.
 
-A library is known by its stamp: what the kernels say, without comments and docstrings. It holds
-two builds for x86-64, plain and v3 (AVX2), one of which is chosen when it is loaded;
-VIBROSCREEN_PROCESSOR=plain keeps to the plain one. Only exact arithmetic is used, and LLVM may
-change no bit of it without fast-math: all builds give the same numbers.
+A library is known by two stamps: what the kernels say, without comments and docstrings, and what
+makes a library of them, the C layer of FMUs (../native) among it. It holds two builds for x86-64,
+plain and v3 (AVX2), one of which is chosen when it is loaded; VIBROSCREEN_PROCESSOR=plain keeps to
+the plain one. Only exact arithmetic is used, and LLVM may change no bit of it without fast-math:
+all builds give the same numbers.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ from vibroscreen.kernels.language import ENTRIES, Entry
 
 FOLDER = Path(__file__).parent
 STAMP = "engine.stamp"
+NATIVE = FOLDER.parent / "native"
 NO_KERNELS = ("__init__.py", "library.py", "registry.py")
+# What makes a library of what the kernels say.
+MAKERS = ("machine.py", "header.py", "fmi2.c", "fmi2.h", "place.h", "sheet.h")
 # Platforms by their folder in an FMU, and what a library is called there.
 HOSTS = {
     ("Linux", "x86_64"): "linux64",
@@ -53,8 +57,9 @@ def cache_folder() -> Path:
 
 
 def sources() -> list[Path]:
-    """The files of the kernels, and of what compiles them."""
-    return [path for path in FOLDER.glob("*.py") if path.name not in NO_KERNELS]
+    """The files of the kernels, and of what compiles them and makes a library of them."""
+    found = [*FOLDER.glob("*.py"), *NATIVE.glob("*.*")]
+    return [path for path in found if path.name not in NO_KERNELS]
 
 
 def says(text: bytes) -> str:
@@ -69,21 +74,30 @@ def says(text: bytes) -> str:
 
 
 @functools.cache
-def stamp() -> str:
-    """Sixteen digits that change with what the kernels say, and with nothing else."""
+def stamps() -> tuple[str, str]:
+    """Sixteen digits that change with what the kernels say, others with what makes the library."""
     texts = {path.name: path.read_bytes() for path in sources()}
     bytes_of = digest_of(texts)
     # Parsing takes longer than all the rest of a start: what bytes say is remembered.
     note = cache_folder() / f"{bytes_of}.stamp"
     for known in (FOLDER / STAMP, note):
         with contextlib.suppress(OSError, ValueError):
-            held, found = known.read_text().split()
+            held, kernels, makers = known.read_text().split()
             if held == bytes_of:
-                return found
-    found = _digest(*(says(text).encode() for text in texts.values()))
+                return kernels, makers
+    said = {
+        name: says(text).encode() if name.endswith(".py") else text for name, text in texts.items()
+    }
+    made = {name: said.pop(name) for name in MAKERS if name in said}
+    found = digest_of(said), digest_of(made)
     with contextlib.suppress(OSError):
         keep(note, stamp_note(texts, found))
     return found
+
+
+def stamp() -> str:
+    """The stamp of the kernels."""
+    return stamps()[0]
 
 
 def digest_of(texts: Mapping[str, bytes]) -> str:
@@ -91,10 +105,10 @@ def digest_of(texts: Mapping[str, bytes]) -> str:
     return _digest(*(piece for name in sorted(texts) for piece in (name.encode(), texts[name])))
 
 
-def stamp_note(texts: Mapping[str, bytes], found: str) -> bytes:
-    """What lies beside source files that were compiled under the stamp `found`."""
+def stamp_note(texts: Mapping[str, bytes], found: tuple[str, str]) -> bytes:
+    """What lies beside source files that were compiled under the stamps `found`."""
     own = {name: text for name, text in texts.items() if name not in NO_KERNELS}
-    return f"{digest_of(own)} {found}\n".encode()
+    return f"{digest_of(own)} {' '.join(found)}\n".encode()
 
 
 def _digest(*parts: bytes) -> str:
@@ -211,50 +225,56 @@ def host() -> str | None:
 
 def library_name(target: str) -> str:
     """File name of the library for a platform."""
-    return f"engine-{stamp()}-{target}{SUFFIX[target]}"
+    return f"engine-{'-'.join(stamps())}-{target}{SUFFIX[target]}"
 
 
 def at_hand() -> dict[str, Path]:
     """The libraries that there are, by platform; this machine's is made if it is not there."""
     library()
-    names = {target: library_name(target) for target in SUFFIX}
-    found = {
-        target: folder / name
-        for target, name in names.items()
-        for folder in (cache_folder(), FOLDER)
-        if (folder / name).exists()
-    }
-    return found
+    found = {target: _found(target) for target in SUFFIX}
+    return {target: path for target, path in found.items() if path}
 
 
-def library() -> Path | None:
-    """The library for this machine; made first if there is none. None where it cannot be made."""
-    if host() is None:
+def library(target: str | None = None) -> Path | None:
+    """The library for a platform, this machine's if none is named; made first if there is none.
+
+    None where it cannot be made.
+    """
+    target = target or host()
+    if target is None:
         return None
-    name = library_name(str(host()))
-    kept = cache_folder() / name
-    for path in (FOLDER / name, kept):
-        if path.exists():
-            return path
+    path = _found(target)
+    if path is not None:
+        return path
     if not (FOLDER / "machine.py").exists():
         raise RuntimeError(
             f"this FMU has no engine for {platform.system()} {platform.machine()}: build one there"
         )
+    kept = cache_folder() / library_name(target)
     with _locked(kept.with_suffix(".lock")):
-        return kept if kept.exists() or _made(kept) else None
+        return kept if kept.exists() or _made(kept, target) else None
 
 
-def _made(path: Path) -> bool:
-    """Make the library of this machine in a process of its own; False without a linker."""
-    if importlib.util.find_spec("ziglang") is None and not shutil.which(os.environ.get("CC", "cc")):
+def _found(target: str) -> Path | None:
+    """Where the library for a platform lies, if it does."""
+    name = library_name(target)
+    return next((f / name for f in (FOLDER, cache_folder()) if (f / name).exists()), None)
+
+
+def _made(path: Path, target: str) -> bool:
+    """Make the library of a platform in a process of its own; False without a linker for it."""
+    other = target != host() or not shutil.which(os.environ.get("CC", "cc"))
+    if importlib.util.find_spec("ziglang") is None and other:
         return False
-    print("vibroscreen compiles its engine, once: a minute or two", file=sys.stderr, flush=True)
-    command = [sys.executable, "-W", "ignore", "-m", "vibroscreen.kernels.machine", str(path)]
+    text = f"vibroscreen compiles its engine for {target}, once: a minute or two"
+    print(text, file=sys.stderr, flush=True)
+    command = [sys.executable, "-W", "ignore", "-m", "vibroscreen.kernels.machine"]
     plain = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
     places = os.pathsep.join(place for place in sys.path if place)
     # The same bytes every time: no settings of the caller, no random order of sets.
     own = {"PYTHONPATH": places, "PYTHONHASHSEED": "0", "NUMBA_CPU_NAME": "generic"}
-    return subprocess.run(command, env={**plain, **own}, check=False).returncode == 0
+    run = subprocess.run([*command, str(path), target], env={**plain, **own}, check=False)
+    return run.returncode == 0
 
 
 def kept_code() -> bytes:

@@ -2,9 +2,9 @@
 
     python -m vibroscreen.kernels.machine LIBRARY [PLATFORM]
 
-makes the engine library of a platform, this machine's if none is given. The linker is that of
-ziglang (PyPI), which makes libraries for every platform on any; without it, the C compiler of this
-machine makes that of this machine.
+makes the engine library of a platform, this machine's if none is given: the kernels, and FMI 2.0
+over them (../native). The linker is that of ziglang (PyPI), which makes libraries for every
+platform on any; without it, the C compiler of this machine makes that of this machine.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +37,21 @@ MATHEMATICS = {
 }
 NEEDED = {"sqrt", "memset", "memcpy", "memmove"}
 COMMON = ("-O2", "-std=c99", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-s")
-ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack", "-ldl")
+# Symbolic: a library calls itself, whatever others of its kind are loaded.
+ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack")
+ELF += ("-Wl,-Bsymbolic", "-ldl")
+# What the library may take from the C library.
+ALLOWED = MATHEMATICS | {
+    *("atoi", "calloc", "free", "getenv", "malloc", "memchr", "memcmp", "memcpy", "memmove"),
+    *("memset", "snprintf", "sprintf", "strchr", "strcmp", "strcpy", "strcspn", "strlen"),
+    *("strncmp", "strrchr", "strspn", "strtol"),
+    # files, and the place of the library
+    *("dladdr", "dlclose", "dlopen", "dlsym", "fclose", "fopen", "fread", "realpath"),
+    # of the start code of every library, weak, and of checked builds
+    *("__cxa_finalize", "__gmon_start__", "_ITM_deregisterTMCloneTable"),
+    *("_ITM_registerTMCloneTable", "__stack_chk_fail", "__snprintf_chk", "__sprintf_chk"),
+    *("__strcpy_chk", "__memcpy_chk", "__fread_chk"),
+}
 # LLVM's first level: what counts is written out in fours already, and higher ones take longer to
 # compile without a gain that could be measured.
 LEVEL = 1
@@ -164,14 +178,14 @@ def objects(code: bytes, target: Platform) -> list[bytes]:
 
 
 def object_of(module: Any, triple: str, cpu: str, shown: Sequence[str]) -> bytes:
-    """Object file of a module for a target, with the functions `shown` to what is linked with it.
+    """Object file of a module for a target, with the functions `shown` to who loads a library.
 
     Raises ConfigError for a sub-model of one's own that calls what the C library has not.
     """
     machine = _machine(triple, cpu, reloc="pic")
     _optimise(module, machine, triple, shown)
     for name in shown:
-        module.get_function(name).visibility = "hidden"
+        module.get_function(name).storage_class = "dllexport" if "windows" in triple else "default"
     _check_needs((f.name for f in module.functions if f.is_declaration), MATHEMATICS | NEEDED)
     emitted: bytes = machine.emit_object(module)
     return emitted
@@ -223,7 +237,7 @@ _C |= {"vector": "double *, int64_t", "matrix": "double *, int64_t, int64_t"}
 
 def prototypes() -> str:
     """The entries as C sees them. Arrays are pointers with their extents."""
-    return "".join(
+    return "#include <stdint.h>\n" + "".join(
         f"{_C[entry.returned]} vibroscreen_{entry.name}"
         f"({', '.join(_C[kind] for kind in entry.arguments)});\n"
         for entry in ENTRIES.values()
@@ -233,6 +247,7 @@ def prototypes() -> str:
 def choosing(builds: Sequence[str]) -> str:
     """C source: every entry calls that of the build that this processor has."""
     lines = ["#include <stdint.h>", "#include <stdlib.h>", "#include <string.h>"]
+    lines.append('#include "fmi2.h"')
     calls, choices = [], []
     for entry in ENTRIES.values():
         kinds = [kind for word in entry.arguments for kind in _C[word].split(", ")]
@@ -247,14 +262,7 @@ def choosing(builds: Sequence[str]) -> str:
             f"{{ {'return ' if kind != 'void' else ''}{name}({names}); }}"
         )
         choices.append(f"    {name} = vibroscreen_{name}_{builds[-1]};")
-    lines += [
-        "#ifdef _WIN32",
-        "#define SHOWN __declspec(dllexport)",
-        "#else",
-        '#define SHOWN __attribute__((visibility("default")))',
-        "#endif",
-        *calls,
-    ]
+    lines += calls
     if len(builds) > 1:
         lines += [
             "__attribute__((constructor)) static void choose(void) {",
@@ -278,7 +286,7 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
     found = find_linker()
     if found is None:
         raise ConfigError(
-            "a library needs a linker: pip install ziglang (pip install 'vibroscreen[native]')"
+            "a library needs a linker: pip install ziglang (pip install 'vibroscreen[fmu]')"
         )
     command, crossing = found
     target: tuple[str, ...] = ()
@@ -287,7 +295,7 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
     elif chosen is not PLATFORMS[host()]:
         raise ConfigError(
             f"platform = {chosen.triple} cannot be linked by {command[0]}, only this machine's: "
-            "pip install ziglang (pip install 'vibroscreen[native]')"
+            "pip install ziglang (pip install 'vibroscreen[fmu]')"
         )
     if "apple" in chosen.triple:
         target += (f"-Wl,-install_name,@rpath/{name}.dylib",)
@@ -310,20 +318,60 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
         return made.read_bytes()
 
 
+def native_sources(target: str) -> dict[str, bytes]:
+    """The C layer of FMUs, with its header for a platform."""
+    from vibroscreen.native import header
+
+    files = {name: (library.NATIVE / name).read_bytes() for name in header.SOURCES}
+    text = prototypes() + header.header("-".join(library.stamps()), library.SUFFIX[target])
+    return {**files, "engine.h": text.encode()}
+
+
 def engine_library(code: bytes, target: str) -> bytes:
     """The engine library of a platform, from intermediate code."""
-    chosen = PLATFORMS[target]
-    parts = [chosen, *([chosen.other] if chosen.other else [])]
-    made = []
-    for part in parts:
+
+    def made(part: Platform) -> bytes:
         builds = list(part.cpus)
-        files = {
-            f"kernels_{build}.o": content
-            for build, content in zip(builds, objects(code, part), strict=True)
-        }
-        files["choosing.c"] = choosing(builds).encode()
-        made.append(link(part, "vibroscreen", files, ()))
+        files = native_sources(target) | {"choosing.c": choosing(builds).encode()}
+        for build, content in zip(builds, objects(code, part), strict=True):
+            files[f"kernels_{build}.o"] = content
+        return link(part, "vibroscreen", files, ())
+
+    return for_all(target, made)
+
+
+def for_all(target: str, make: Callable[[Platform], bytes]) -> bytes:
+    """What `make` gives for the processors of a platform, in one library."""
+    chosen = PLATFORMS[target]
+    made = [make(part) for part in (chosen, chosen.other) if part]
+    if target in ("linux64", "aarch64-linux"):
+        _check_symbols(made[0])
     return made[0] if len(made) == 1 else universal(*made)
+
+
+def symbols(elf: bytes) -> tuple[set[str], set[str]]:
+    """What a library (ELF, 64 bits) shows to others, and what it takes from them."""
+    (table,) = struct.unpack_from("<Q", elf, 40)
+    size, count = struct.unpack_from("<HH", elf, 58)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", elf, table + k * size) for k in range(count)]
+    dynamic = next(section for section in sections if section[1] == 11)  # SHT_DYNSYM
+    names = sections[dynamic[6]][4]
+    shown: set[str] = set()
+    taken: set[str] = set()
+    for place in range(dynamic[4], dynamic[4] + dynamic[5], 24):
+        name, _, _, section, _, _ = struct.unpack_from("<IBBHQQ", elf, place)
+        text = elf[names + name : elf.index(b"\0", names + name)].decode()
+        if text:
+            (shown if section else taken).add(text)
+    return shown, taken
+
+
+def _check_symbols(elf: bytes) -> None:
+    """A library takes only what the C library has, and shows FMI 2.0 and what is ours."""
+    shown, taken = symbols(elf)
+    assert taken <= ALLOWED, f"the library would need {taken - ALLOWED}"
+    foreign = {name for name in shown if not name.startswith(("fmi2", "vibroscreen_", "screen_"))}
+    assert not foreign, f"the library shows {foreign}"
 
 
 def universal(*parts: bytes) -> bytes:

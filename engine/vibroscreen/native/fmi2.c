@@ -1,19 +1,24 @@
-/* FMI 2.0 for co-simulation over the kernels of the engine, compiled ahead of time.
+/* FMI 2.0 for co-simulation over the kernels of the engine; the same library for every screen.
 
    All of an instance lies in one buffer [header | parameters | inputs | outputs | constants | state
    | work] (kernels/layout.py); the value reference of a variable is its place from the parameters
    on. Nothing that changes lies outside of an instance: instances may run in threads of their own.
    Memory is taken when an instance is made, when fixed parameters change the size of its state,
-   and for saved states; never in a step. Names, texts, limits and offsets are in screen.h. */
+   and for saved states; never in a step. Offsets are in engine.h (header.py writes it); names, texts,
+   limits and start values are in the sheet of a screen (sheet.h). */
+#define _GNU_SOURCE /* dladdr */
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmi2Functions.h"
-#include "screen.h"
+#include "fmi2.h"
+#include "place.h"
 
-#define COUNT(array) ((int) (sizeof(array) / sizeof((array)[0])))
+#include "engine.h"
+#include "sheet.h"
+
 #define DEGREE 0.017453292519943295
 
 /* A buffer, where its sections lie, and the parameters that it was laid out for. */
@@ -23,13 +28,24 @@ typedef struct {
 } Laid;
 
 typedef struct {
+    Sheet sheet;
     Laid laid;
     char *name;
     fmi2CallbackLogger logger;
     fmi2ComponentEnvironment environment;
     int logging, running, ended;
     double time;
+    void *own;                   /* library of a user's own sub-models */
+    double address[OWN_MODELS]; /* theirs */
 } Screen;
+
+/* What is logged: bits of `logging`. */
+enum { ERRORS = 1, WARNINGS = 2 };
+
+/* Told before there is a sheet. */
+#define NO_INSTANCE "{name} = {other} makes no instance: give a name and fmi2CoSimulation"
+#define NO_SHEET "guid = {name} has no resources/screen.bin here: {other}: unpack the whole FMU anew and leave it together"
+#define NO_OWN "{name} is missing or does not load: unpack the whole FMU anew and leave it together"
 
 /* A saved state: what an instance must remember, from the parameters to the end of the state. */
 typedef struct {
@@ -41,7 +57,9 @@ typedef struct {
 typedef struct {
     char mark[8];
     unsigned char owner[16];
-    uint64_t running, checksum;
+    uint64_t running;
+    double time;
+    uint64_t checksum; /* of what the head says after the owner, and of the body */
 } Head;
 
 /* What the braces of a text stand for. */
@@ -52,7 +70,7 @@ typedef struct {
 
 /* --- messages --------------------------------------------------------------------------------- */
 typedef struct {
-    char text[1024];
+    char text[4096];
     size_t used;
 } Message;
 
@@ -130,14 +148,24 @@ static void tell(Message *message, const char *text, const Told *told) {
     }
 }
 
+static void say(const Screen *screen, fmi2Status status, const char *text, Told told) {
+    if (!screen->logger || !(screen->logging & (status == fmi2Warning ? WARNINGS : ERRORS))) return;
+    Message message = {.used = 0};
+    tell(&message, text, &told);
+    /* A host takes the message for a format; some show it as it is. Both get what was meant. */
+    const char *format = strchr(message.text, '%') ? "%s" : message.text;
+    const char *category = status == fmi2Warning ? "logStatusWarning" : "logStatusError";
+    screen->logger(screen->environment, screen->name, status, category, format, message.text);
+}
+
+static const char *word(const Screen *screen, int32_t place) { return screen->sheet.word + place; }
+
+static const char *name_of(const Screen *screen, int64_t reference) {
+    return word(screen, screen->sheet.variable[reference].name);
+}
+
 static fmi2Status refuse(const Screen *screen, int text, Told told) {
-    if (screen->logging && screen->logger) {
-        Message message = {.used = 0};
-        tell(&message, TEXT[text], &told);
-        /* A host takes the message for a format; some show it as it is. Both get what was meant. */
-        const char *format = strchr(message.text, '%') ? "%s" : message.text;
-        screen->logger(screen->environment, screen->name, fmi2Error, "logStatusError", format, message.text);
-    }
+    say(screen, fmi2Error, word(screen, screen->sheet.text[text]), told);
     return fmi2Error;
 }
 
@@ -146,18 +174,18 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 static fmi2Status run(const Screen *screen, Laid *laid, int command, double first) {
     double *buffer = laid->buffer;
     int64_t code = vibroscreen_run(buffer, laid->at.size, command, first, 0);
-    if (code < 0 || code > LAST_CODE)
+    if (code < 0 || code >= screen->sheet.codes)
         return refuse(screen, TEXT_FAILED, (Told) {.value = (double) code});
     if (code == ACCEPTED) return fmi2OK;
     const double *refusal = buffer + (int64_t) buffer[AT_REFUSAL];
     int64_t place = (int64_t) refusal[1];
-    const Variable *variable = VARIABLE + (place - PARAMETERS);
+    const Variable *variable = screen->sheet.variable + (place - PARAMETERS);
     double limit = refusal[3] < 0 && refusal[3] > -1e-6 ? 0.0 : refusal[3];
     Told told = {
-        .name = variable->name, .unit = variable->unit, .cure = variable->cure,
+        .name = word(screen, variable->name), .unit = word(screen, variable->unit), .cure = word(screen, variable->cure),
         .value = refusal[2], .limit = limit, .number = buffer[place],
     };
-    return refuse(screen, TEXT_OF_CODE[code], told);
+    return refuse(screen, screen->sheet.text_of_code[code], told);
 }
 
 /* Outputs that are found only when they are read. */
@@ -175,20 +203,27 @@ static int breaks(int text, double value, double limit) {
 }
 
 static fmi2Status check_limits(const Screen *screen, const double *p, const double *header) {
-    int64_t classes = (int64_t) DIMENSIONS[D_CLASSES];
+    const Sheet *sheet = &screen->sheet;
+    int64_t classes = (int64_t) sheet->dimension[D_CLASSES];
     const double *lower = p + (int64_t) header[AT_LOWER] - PARAMETERS;
     const double *upper = p + (int64_t) header[AT_UPPER] - PARAMETERS;
-    for (const Choice *c = CHOICE; c < CHOICE + COUNT(CHOICE); c++)
-        if (!(p[c->reference] >= 1 && p[c->reference] <= c->most) && p[c->reference] != START[c->reference])
-            return refuse(screen, TEXT_NO_CHOICE, (Told) {.name = c->name, .cure = c->cure, .value = p[c->reference]});
+    for (const Choice *c = sheet->choice; c < sheet->choice + sheet->choices; c++) {
+        double chosen = p[c->reference];
+        Told told = {.name = word(screen, c->name), .cure = word(screen, c->cure), .value = chosen};
+        if (!(chosen >= 1 && chosen <= c->most) && chosen != sheet->start[c->reference])
+            return refuse(screen, TEXT_NO_CHOICE, told);
+    }
     for (int64_t i = 0; i + 1 < classes; i++)
         if (upper[i] != lower[i + 1]) {
-            const char *name = VARIABLE[upper + i - p].name;
-            return refuse(screen, TEXT_TWO_LIMITS, (Told) {.name = name, .value = upper[i], .limit = lower[i + 1]});
+            Told told = {.name = name_of(screen, upper + i - p), .value = upper[i], .limit = lower[i + 1]};
+            return refuse(screen, TEXT_TWO_LIMITS, told);
         }
-    for (const Limit *l = LIMIT; l < LIMIT + COUNT(LIMIT); l++)
+    for (const Limit *l = sheet->limit; l < sheet->limit + sheet->limits; l++)
         if (breaks(l->text, p[l->reference], l->limit)) {
-            Told told = {.name = l->name, .unit = l->unit, .cure = l->cure, .value = p[l->reference], .limit = l->limit};
+            Told told = {
+                .name = word(screen, l->name), .unit = word(screen, l->unit), .cure = word(screen, l->cure),
+                .value = p[l->reference], .limit = l->limit,
+            };
             return refuse(screen, l->text, told);
         }
     for (int64_t i = 0; i < classes; i++)
@@ -203,9 +238,10 @@ static fmi2Status check_limits(const Screen *screen, const double *p, const doub
 }
 
 static fmi2Status check_decks(const Screen *screen, const double *p, const double *header) {
+    const Sheet *sheet = &screen->sheet;
     const double *panel = p + (int64_t) header[AT_PANEL] - PARAMETERS;
-    const double *count = START + (int64_t) header[AT_PANEL_COUNT] - PARAMETERS;
-    int64_t decks = (int64_t) DIMENSIONS[D_DECKS], panels = (int64_t) DIMENSIONS[D_PANELS];
+    const double *count = sheet->start + (int64_t) header[AT_PANEL_COUNT] - PARAMETERS;
+    int64_t decks = (int64_t) sheet->dimension[D_DECKS], panels = (int64_t) sheet->dimension[D_PANELS];
     double first = 0;
     for (int64_t d = 0; d < decks; d++) {
         const double *row = panel + d * panels * PANEL_SIZE;
@@ -213,10 +249,11 @@ static fmi2Status check_decks(const Screen *screen, const double *p, const doubl
         for (int64_t k = 0; k < (int64_t) count[d]; k++) length += row[k * PANEL_SIZE + PANEL_LENGTH];
         for (int64_t k = 0; k < (int64_t) count[d]; k++) {
             const double *aperture = row + k * PANEL_SIZE + PANEL_APERTURE;
-            Told told = {.name = VARIABLE[aperture - p].name, .value = *aperture, .limit = length};
+            Told told = {.name = name_of(screen, aperture - p), .value = *aperture, .limit = length};
             if (*aperture > length) return refuse(screen, TEXT_SHORT_DECK, told);
-            told.limit = TABLE_APERTURE[0], told.other_limit = TABLE_APERTURE[COUNT(TABLE_APERTURE) - 1];
-            if (TABLE_ROWS && (*aperture < told.limit || *aperture > told.other_limit))
+            if (!sheet->rows) continue;
+            told.limit = sheet->aperture[0], told.other_limit = sheet->aperture[sheet->rows - 1];
+            if (*aperture < told.limit || *aperture > told.other_limit)
                 return refuse(screen, TEXT_OFF_TABLE, told);
         }
         first = d == 0 ? length : first;
@@ -244,50 +281,47 @@ static fmi2Status make_buffer(const Screen *screen, const double *dimensions, La
 
 /* Fill in a slice of the bed for these fixed parameters, and what follows from them. */
 static fmi2Status plan_slice(const Screen *screen, const double *parameters, Laid *slice) {
+    const Sheet *sheet = &screen->sheet;
     double dimensions[N_DIMENSIONS];
-    memcpy(dimensions, DIMENSIONS, sizeof dimensions);
+    memcpy(dimensions, sheet->dimension, sizeof dimensions);
     double model = parameters[P_SEGREGATION_MODEL];
-    int layered = model == EXCHANGE || (model == START[P_SEGREGATION_MODEL] && OWN_SEGREGATION_LAYERED);
+    int layered = model == EXCHANGE || (model == sheet->start[P_SEGREGATION_MODEL] && sheet->figure[F_OWN_LAYERED]);
     dimensions[D_LAYERED] = layered;
-    dimensions[D_LAYERS] = layered ? DIMENSIONS[D_BED_LAYERS] : 1;
+    dimensions[D_LAYERS] = layered ? sheet->dimension[D_BED_LAYERS] : 1;
     if (make_buffer(screen, dimensions, slice) != fmi2OK) return fmi2Error;
     double *buffer = slice->buffer;
-    memcpy(buffer + PARAMETERS, START, sizeof START);
-    for (int k = 0; k < COUNT(FIXED_ONES); k++)
-        buffer[PARAMETERS + FIXED_ONES[k]] = parameters[FIXED_ONES[k]];
+    memcpy(buffer + PARAMETERS, sheet->start, (size_t) sheet->starts * sizeof(double));
+    for (int64_t k = 0; k < sheet->fixed; k++)
+        buffer[PARAMETERS + sheet->fixed_one[k]] = parameters[sheet->fixed_one[k]];
     if (check_limits(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
     if (check_decks(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
-    int64_t classes = (int64_t) DIMENSIONS[D_CLASSES];
+    int64_t classes = (int64_t) sheet->dimension[D_CLASSES];
     double *edge = buffer + (int64_t) buffer[AT_EDGE];
     memcpy(edge, buffer + (int64_t) buffer[AT_LOWER], (size_t) classes * sizeof(double));
     edge[classes] = buffer[(int64_t) buffer[AT_UPPER] + classes - 1];
-    vibroscreen_plan(buffer, slice->at.size, (double *) TABLE_APERTURE, TABLE_ROWS, (double *) TABLE_VELOCITY, TABLE_ROWS);
-    double cells = buffer[D_CELLS];
-    if (ROOM > 0 && ROOM < cells + 4)
-        return refuse(screen, TEXT_LITTLE_ROOM, (Told) {.value = ROOM, .limit = cells, .other_limit = cells + 4});
+    double *aperture = (double *) sheet->aperture, *velocity = (double *) sheet->velocity;
+    vibroscreen_plan(buffer, slice->at.size, aperture, sheet->rows, velocity, sheet->rows);
+    double cells = buffer[D_CELLS], room = sheet->figure[F_ROOM];
+    if (room > 0 && room < cells + 4)
+        return refuse(screen, TEXT_LITTLE_ROOM, (Told) {.value = room, .limit = cells, .other_limit = cells + 4});
     return fmi2OK;
 }
 
 /* Lay out a screen of these parameters: constants are filled in, inputs are those of the start. */
 static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made) {
+    const Sheet *sheet = &screen->sheet;
     Laid slice = {.buffer = NULL};
     made->buffer = NULL;
     fmi2Status status = plan_slice(screen, parameters, &slice);
     if (status == fmi2OK) {
         double dimensions[N_DIMENSIONS];
         memcpy(dimensions, slice.buffer, sizeof dimensions);
-        dimensions[D_PACKAGES] = ROOM > 0 ? ROOM : 4 * dimensions[D_CELLS] + 16;
-        dimensions[D_FALLS] = DIMENSIONS[D_DECKS] > 1 ? dimensions[D_PACKAGES] : 1;
+        double room = sheet->figure[F_ROOM];
+        dimensions[D_PACKAGES] = room > 0 ? room : 4 * dimensions[D_CELLS] + 16;
+        dimensions[D_FALLS] = sheet->dimension[D_DECKS] > 1 ? dimensions[D_PACKAGES] : 1;
         dimensions[D_ACTIVE] = dimensions[D_NODES];
-#ifdef OWN_DISPLACEMENT
-        dimensions[D_DISPLACEMENT_ADDRESS] = (double) (uintptr_t) OWN_DISPLACEMENT;
-#endif
-#ifdef OWN_PASSAGE
-        dimensions[D_PASSAGE_ADDRESS] = (double) (uintptr_t) OWN_PASSAGE;
-#endif
-#ifdef OWN_SEGREGATION
-        dimensions[D_SEGREGATION_ADDRESS] = (double) (uintptr_t) OWN_SEGREGATION;
-#endif
+        for (int k = 0; k < OWN_MODELS; k++)
+            if (screen->address[k]) dimensions[D_DISPLACEMENT_ADDRESS + k] = screen->address[k];
         status = make_buffer(screen, dimensions, made);
     }
     if (status == fmi2OK) {
@@ -297,9 +331,9 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
             size_t size = (size_t) (stop - buffer[field]);
             memcpy(buffer + (int64_t) buffer[field], from + (int64_t) from[field], size * sizeof(double));
         }
-        for (int k = 0; k < COUNT(TUNABLE_ONES); k++) {
-            int reference = TUNABLE_ONES[k];
-            if (parameters[reference] != START[reference]) buffer[PARAMETERS + reference] = parameters[reference];
+        for (int64_t k = 0; k < sheet->tunable; k++) {
+            int reference = sheet->tunable_one[k];
+            if (parameters[reference] != sheet->start[reference]) buffer[PARAMETERS + reference] = parameters[reference];
         }
         memcpy(made->built_with, buffer + PARAMETERS, (size_t) (made->at.inputs - PARAMETERS) * sizeof(double));
     }
@@ -307,9 +341,9 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
     return status;
 }
 
-static int same_fixed(const double *one, const double *two) {
-    for (int k = 0; k < COUNT(FIXED_ONES); k++)
-        if (one[FIXED_ONES[k]] != two[FIXED_ONES[k]]) return 0;
+static int same_fixed(const Sheet *sheet, const double *one, const double *two) {
+    for (int64_t k = 0; k < sheet->fixed; k++)
+        if (one[sheet->fixed_one[k]] != two[sheet->fixed_one[k]]) return 0;
     return 1;
 }
 
@@ -323,7 +357,7 @@ static fmi2Status start(const Screen *screen, Laid *laid) {
 
 static fmi2Status start_afresh(Screen *screen) {
     Laid made;
-    fmi2Status status = lay(screen, START, &made);
+    fmi2Status status = lay(screen, screen->sheet.start, &made);
     if (status == fmi2OK) status = start(screen, &made);
     if (status != fmi2OK) {
         free(made.buffer);
@@ -332,40 +366,77 @@ static fmi2Status start_afresh(Screen *screen) {
     free(screen->laid.buffer);
     screen->laid = made;
     screen->running = screen->ended = 0;
+    screen->time = 0;
     return fmi2OK;
 }
 
 /* --- life of an instance ---------------------------------------------------------------------- */
-const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char *fmi2GetTypesPlatform(void) { return "default"; }
 
-const char *fmi2GetVersion(void) { return fmi2Version; }
+const char *fmi2GetVersion(void) { return "2.0"; }
+
+/* Find the sheet: beside this library, else where the host says. */
+static fmi2Status find_sheet(Screen *asking, const char *guid, const char *resources) {
+    char *place[] = {beside(2, "resources/screen.bin"), located(resources, "screen.bin")};
+    Message tried = {.used = 0};
+    const char *wrong = "";
+    for (int k = 0; k < 2; k++) {
+        wrong = place[k] ? read_sheet(&asking->sheet, open_file(place[k]), guid) : "names no folder";
+        if (!wrong) break;
+        free((void *) asking->sheet.bytes);
+        asking->sheet.bytes = NULL;
+        add_text(&tried, k ? "; " : "");
+        add_text(&tried, place[k] ? place[k] : k ? "the resource location" : "the library's own path");
+        add_text(&tried, " ");
+        add_text(&tried, wrong);
+    }
+    free(place[0]), free(place[1]);
+    if (!wrong) return fmi2OK;
+    say(asking, fmi2Error, NO_SHEET, (Told) {.name = guid ? guid : "", .other = tried.text});
+    return fmi2Error;
+}
+
+/* Load a user's own sub-models from the library of theirs beside this one. */
+static fmi2Status load_own(Screen *screen) {
+    char file[256];
+    int wanted = 0;
+    for (int k = 0; k < OWN_MODELS; k++) wanted += screen->sheet.figure[F_OWN + k] != 0;
+    if (!wanted) return fmi2OK;
+    snprintf(file, sizeof file, "%s_own" SUFFIX, screen->sheet.model);
+    char *path = beside(0, file);
+    screen->own = path ? load(path) : NULL;
+    for (int k = 0; screen->own && k < OWN_MODELS; k++) {
+        if (screen->sheet.figure[F_OWN + k] == 0) continue;
+        screen->address[k] = (double) (uintptr_t) find(screen->own, OWN_MODEL[k]);
+        wanted -= screen->address[k] != 0;
+    }
+    if (wanted) say(screen, fmi2Error, NO_OWN, (Told) {.name = path ? path : file});
+    free(path);
+    return wanted ? fmi2Error : fmi2OK;
+}
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
-    (void) resources, (void) visible;
+    (void) visible;
     if (!functions) return NULL;
     Screen asking = {.name = (char *) (name ? name : ""), .logger = functions->logger,
-                     .environment = functions->componentEnvironment, .logging = 1};
+                     .environment = functions->componentEnvironment, .logging = ERRORS | WARNINGS};
     if (!name || !*name || type != fmi2CoSimulation) {
-        refuse(&asking, TEXT_NO_INSTANCE, (Told) {.name = "fmi2Instantiate", .other = asking.name});
+        say(&asking, fmi2Error, NO_INSTANCE, (Told) {.name = "fmi2Instantiate", .other = asking.name});
         return NULL;
     }
-    if (!guid || strcmp(guid, GUID)) {
-        refuse(&asking, TEXT_OTHER_GUID, (Told) {.name = GUID, .other = guid ? guid : ""});
-        return NULL;
-    }
-    Screen *screen = calloc(1, sizeof *screen);
-    char *copy = malloc(strlen(name) + 1);
-    if (screen && copy) {
+    if (find_sheet(&asking, guid, resources) != fmi2OK) return NULL;
+    Screen *screen = malloc(sizeof *screen);
+    if (screen) {
         *screen = asking;
-        screen->name = strcpy(copy, name);
-        if (start_afresh(screen) == fmi2OK) {
-            screen->logging = logging;
+        screen->name = malloc(strlen(name) + 1);
+        if (screen->name) strcpy(screen->name, name);
+        if (screen->name && load_own(screen) == fmi2OK && start_afresh(screen) == fmi2OK) {
+            screen->logging = logging ? ERRORS | WARNINGS : 0;
             return screen;
         }
-    }
-    free(screen);
-    free(copy);
+    } else free((void *) asking.sheet.bytes);
+    fmi2FreeInstance(screen);
     return NULL;
 }
 
@@ -374,26 +445,43 @@ void fmi2FreeInstance(fmi2Component c) {
     if (!screen) return;
     free(screen->laid.buffer);
     free(screen->name);
+    free((void *) screen->sheet.bytes);
+    if (screen->own) unload(screen->own);
     free(screen);
 }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
     Screen *screen = c;
     if (!screen) return fmi2Error;
-    int wanted = n == 0;
-    for (size_t k = 0; categories && k < n; k++)
-        wanted |= categories[k] && (!strcmp(categories[k], "logStatusError") || !strcmp(categories[k], "logAll"));
-    if (wanted) screen->logging = on;
+    int wanted = n == 0 ? ERRORS | WARNINGS : 0;
+    for (size_t k = 0; categories && k < n; k++) {
+        const char *category = categories[k] ? categories[k] : "";
+        if (!strcmp(category, "logAll")) wanted = ERRORS | WARNINGS;
+        if (!strcmp(category, "logStatusError")) wanted |= ERRORS;
+        if (!strcmp(category, "logStatusWarning")) wanted |= WARNINGS;
+    }
+    screen->logging = on ? screen->logging | wanted : screen->logging & ~wanted;
     return fmi2OK;
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean bounded, fmi2Real tolerance, fmi2Real begin,
                                fmi2Boolean ends, fmi2Real end) {
     Screen *screen = c;
-    (void) bounded, (void) tolerance, (void) ends, (void) end;
+    (void) ends, (void) end;
     if (!screen) return fmi2Error;
     screen->time = begin;
-    return fmi2OK;
+    if (!bounded) return fmi2OK;
+    double *own = screen->laid.buffer + PARAMETERS + P_TOLERANCE;
+    const char *name = name_of(screen, P_TOLERANCE);
+    if (screen->running) return refuse(screen, TEXT_FIXED, (Told) {.name = name});
+    double least = screen->sheet.figure[F_TOLERANCE_LEAST], most = screen->sheet.figure[F_TOLERANCE_MOST];
+    if (tolerance >= least && tolerance <= most) {
+        *own = tolerance;
+        return fmi2OK;
+    }
+    Told told = {.name = "tolerance", .other = name, .value = tolerance, .number = *own, .limit = least, .other_limit = most};
+    say(screen, fmi2Warning, word(screen, screen->sheet.text[TEXT_NO_TOLERANCE]), told);
+    return fmi2Warning;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
@@ -406,7 +494,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Laid *laid = &screen->laid, made = *laid;
     const double *parameters = laid->buffer + PARAMETERS;
     size_t whole = (size_t) laid->at.size * sizeof(double);
-    if (same_fixed(parameters, laid->built_with)) {
+    if (same_fixed(&screen->sheet, parameters, laid->built_with)) {
         double *kept = malloc(whole);
         if (!kept) return refuse(screen, TEXT_NO_ROOM, (Told) {.value = (double) whole});
         memcpy(kept, laid->buffer, whole);
@@ -446,8 +534,10 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real duration, fmi2Bool
     (void) no_way_back;
     if (!screen) return fmi2Error;
     if (!screen->running || screen->ended) return refuse(screen, TEXT_NO_STEP, (Told) {.value = 0});
-    if (!(duration >= SHORTEST_STEP && duration <= 1.7976931348623157e308)) return refuse(screen, TEXT_NO_TIME, (Told) {.value = duration});
-    if (duration > LONGEST_STEP) return refuse(screen, TEXT_LONG_TIME, (Told) {.value = duration, .limit = LONGEST_STEP});
+    double longest = screen->sheet.figure[F_LONGEST_STEP];
+    if (!(duration >= screen->sheet.figure[F_SHORTEST_STEP] && duration <= 1.7976931348623157e308))
+        return refuse(screen, TEXT_NO_TIME, (Told) {.value = duration});
+    if (duration > longest) return refuse(screen, TEXT_LONG_TIME, (Told) {.value = duration, .limit = longest});
     fmi2Status status = run(screen, &screen->laid, COMMAND_ADVANCE, duration);
     if (status == fmi2OK) screen->time = now + duration;
     return status;
@@ -456,11 +546,13 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real duration, fmi2Bool
 /* --- variables -------------------------------------------------------------------------------- */
 /* Whether all references are variables of a kind; tells of the first that is not. */
 static fmi2Status check_kind(const Screen *screen, const fmi2ValueReference vr[], size_t n, int kind) {
+    const unsigned char *flags = screen->sheet.flags;
     for (size_t k = 0; k < n; k++) {
-        if (vr[k] >= N_VALUES || !FLAGS[vr[k]]) return refuse(screen, TEXT_NO_VARIABLE, (Told) {.value = vr[k]});
-        if (!(FLAGS[vr[k]] & kind)) {
-            const Variable *variable = VARIABLE + vr[k];
-            return refuse(screen, TEXT_OTHER_TYPE, (Told) {.name = variable->name, .kind = variable->kind});
+        if (vr[k] >= screen->sheet.values || !flags[vr[k]])
+            return refuse(screen, TEXT_NO_VARIABLE, (Told) {.value = vr[k]});
+        if (!(flags[vr[k]] & kind)) {
+            const char *type = word(screen, screen->sheet.variable[vr[k]].kind);
+            return refuse(screen, TEXT_OTHER_TYPE, (Told) {.name = name_of(screen, vr[k]), .kind = type});
         }
     }
     return fmi2OK;
@@ -479,9 +571,10 @@ static fmi2Status before_set(Screen *screen, const fmi2ValueReference vr[], size
     if (n && (!vr || !values)) return refuse(screen, TEXT_TOO_LONG, (Told) {.name = "fmi2Set"});
     if (check_kind(screen, vr, n, kind) != fmi2OK) return fmi2Error;
     for (size_t k = 0; k < n; k++) {
-        Told told = {.name = VARIABLE[vr[k]].name};
-        if (!(FLAGS[vr[k]] & SETTABLE)) return refuse(screen, TEXT_NOT_SETTABLE, told);
-        if (screen->running && FLAGS[vr[k]] & FIXED) return refuse(screen, TEXT_FIXED, told);
+        int flags = screen->sheet.flags[vr[k]];
+        if (flags & SETTABLE && !(screen->running && flags & FIXED)) continue;
+        Told told = {.name = name_of(screen, vr[k])};
+        return refuse(screen, flags & SETTABLE ? TEXT_FIXED : TEXT_NOT_SETTABLE, told);
     }
     return fmi2OK;
 }
@@ -501,20 +594,20 @@ static fmi2Status before_set(Screen *screen, const fmi2ValueReference vr[], size
     }
 
 /* Tools read all that they show as real numbers. */
-GET(Real, REAL | INTEGER | BOOLEAN, ROW(c)[vr[k]])
-GET(Integer, INTEGER, (fmi2Integer) ROW(c)[vr[k]])
-GET(Boolean, BOOLEAN, ROW(c)[vr[k]] != 0)
-SET(Real, REAL)
-SET(Integer, INTEGER)
-SET(Boolean, BOOLEAN)
+GET(Real, KIND_REAL | KIND_INTEGER | KIND_BOOLEAN, ROW(c)[vr[k]])
+GET(Integer, KIND_INTEGER, (fmi2Integer) ROW(c)[vr[k]])
+GET(Boolean, KIND_BOOLEAN, ROW(c)[vr[k]] != 0)
+SET(Real, KIND_REAL)
+SET(Integer, KIND_INTEGER)
+SET(Boolean, KIND_BOOLEAN)
 
 /* There are no texts. */
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
-    return before_get(c, vr, n, value, STRING);
+    return before_get(c, vr, n, value, KIND_STRING);
 }
 
 fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
-    return before_set(c, vr, n, value, STRING);
+    return before_set(c, vr, n, value, KIND_STRING);
 }
 
 /* --- state ------------------------------------------------------------------------------------ */
@@ -545,7 +638,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate source) {
     const State *state = source;
     if (!screen || !state) return fmi2Error;
     Laid *laid = &screen->laid, made = *laid;
-    int other = !same_fixed(state->body, laid->built_with);
+    int other = !same_fixed(&screen->sheet, state->body, laid->built_with);
     if (other && lay(screen, state->body, &made) != fmi2OK) {
         free(made.buffer);
         return fmi2Error;
@@ -574,18 +667,10 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
-/* CRC-32 as zlib's. */
-static uint32_t checksum(const void *bytes, size_t size) {
-    uint32_t half[16], sum = 0xFFFFFFFFu;
-    for (uint32_t k = 0; k < 16; k++) {
-        half[k] = k;
-        for (int bit = 0; bit < 4; bit++) half[k] = half[k] >> 1 ^ (half[k] & 1 ? 0xEDB88320u : 0);
-    }
-    for (const unsigned char *at = bytes; size--; at++) {
-        sum = sum >> 4 ^ half[(sum ^ *at) & 15];
-        sum = sum >> 4 ^ half[(sum ^ *at >> 4) & 15];
-    }
-    return ~sum;
+/* The checksum of a state in bytes, head and body. */
+static uint64_t checksum_of(const Head *head, const void *body, size_t length) {
+    uint32_t sum = checksum(0, &head->running, sizeof head->running);
+    return checksum(checksum(sum, &head->time, sizeof head->time), body, length);
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate source, size_t *size) {
@@ -604,9 +689,10 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate source, fmi2Byte 
         return refuse(c, TEXT_STATE_SIZE, told);
     }
     size_t length = needed - sizeof(Head);
-    Head head = {.running = (uint64_t) state->running, .checksum = checksum(state->body, length)};
+    Head head = {.running = (uint64_t) state->running, .time = state->time};
     memcpy(head.mark, STATE_MARK, sizeof head.mark);
-    memcpy(head.owner, OWNER, sizeof head.owner);
+    memcpy(head.owner, ((const Screen *) c)->sheet.owner, sizeof head.owner);
+    head.checksum = checksum_of(&head, state->body, length);
     memcpy(bytes, &head, sizeof head);
     memcpy(bytes + sizeof head, state->body, length);
     return fmi2OK;
@@ -615,20 +701,20 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate source, fmi2Byte 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *target) {
     const Screen *screen = c;
     if (!screen || !bytes || !target) return fmi2Error;
-    Told told = {.name = MODEL, .value = (double) size, .limit = (double) (count_of(screen) * 8) + sizeof(Head)};
+    Told told = {.name = screen->sheet.model, .value = (double) size, .limit = (double) (count_of(screen) * 8) + sizeof(Head)};
     Head head;
     if (size < sizeof head || memcmp(bytes, STATE_MARK, sizeof head.mark))
         return refuse(screen, TEXT_NO_STATE, told);
     memcpy(&head, bytes, sizeof head);
-    if (memcmp(head.owner, OWNER, sizeof head.owner)) return refuse(screen, TEXT_OTHER_BUILD, told);
+    if (memcmp(head.owner, screen->sheet.owner, sizeof head.owner)) return refuse(screen, TEXT_OTHER_BUILD, told);
     size_t length = size - sizeof head;
-    if (head.checksum != checksum(bytes + sizeof head, length)) return refuse(screen, TEXT_BROKEN_STATE, told);
+    if (head.checksum != checksum_of(&head, bytes + sizeof head, length)) return refuse(screen, TEXT_BROKEN_STATE, told);
     if (length % sizeof(double) || (int64_t) (length / sizeof(double)) < screen->laid.at.constants - PARAMETERS)
         return refuse(screen, TEXT_STATE_SIZE, told);
     State *state = malloc(sizeof *state + length);
     if (!state) return refuse(screen, TEXT_NO_ROOM, told);
     state->running = head.running != 0;
-    state->time = screen->time; /* bytes of a state do not say when it was */
+    state->time = head.time;
     state->count = (int64_t) (length / sizeof(double));
     memcpy(state->body, bytes + sizeof head, length);
     *target = state;
@@ -682,7 +768,7 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
     if (!c || !value) return fmi2Error;
     if (kind != fmi2Terminated) return fmi2Discard;
-    *value = fmi2False;
+    *value = 0;
     return fmi2OK;
 }
 
