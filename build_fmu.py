@@ -18,6 +18,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.kernels import library
 from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import summary, write_fmu
 from vibroscreen_fmu.python_limits import IN_SHORT, lost_characters
@@ -104,11 +105,10 @@ def main(
         raise typer.Exit(code=2)
     try:
         screen = ScreenConfig.default() if config is None else ScreenConfig.load(config)
+        library.library()  # compiled first, if it has to be: that tells of itself
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         with Progress(*columns, console=errors, transient=True) as progress:
-            progress.add_task(
-                "building; the engine is compiled once per version, in a minute or two"
-            )
+            progress.add_task("building")
             chosen = RUNTIMES if runtime == "both" else (runtime,)
             paths = [build(screen, output, one, platform or ()) for one in chosen]
     except (ConfigError, OSError, RuntimeError) as error:
