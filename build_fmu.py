@@ -18,8 +18,10 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.kernels import library
 from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import summary, write_fmu
+from vibroscreen_fmu.python_limits import IN_SHORT, lost_characters
 
 OUTPUT = Path("dist")
 RUNTIMES = ("native", "python")
@@ -27,7 +29,10 @@ RUNTIMES = ("native", "python")
 TRIAL = """
 import sys
 from fmpy import simulate_fmu
-simulate_fmu(sys.argv[1], stop_time=2.0, step_size=1.0, output_interval=1.0, debug_logging=True)
+screen, end = sys.argv[1], 2.0
+run = simulate_fmu(screen, stop_time=end, step_size=1.0, output_interval=1.0, debug_logging=True)
+if run["time"][-1] != end:  # a discarded step ends the run without an exception
+    sys.exit(f"the run ended at {run['time'][-1]} s")
 """
 
 
@@ -100,11 +105,10 @@ def main(
         raise typer.Exit(code=2)
     try:
         screen = ScreenConfig.default() if config is None else ScreenConfig.load(config)
+        library.library()  # compiled first, if it has to be: that tells of itself
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         with Progress(*columns, console=errors, transient=True) as progress:
-            progress.add_task(
-                "building; the engine is compiled once per version, in a minute or two"
-            )
+            progress.add_task("building")
             chosen = RUNTIMES if runtime == "both" else (runtime,)
             paths = [build(screen, output, one, platform or ()) for one in chosen]
     except (ConfigError, OSError, RuntimeError) as error:
@@ -115,6 +119,10 @@ def main(
         print(summary(screen))
         tried = "two steps ran" if runs_here(path) else "not run, no library for this machine"
         print(f"fmpy found no problem, {tried}")
+    if "python" in chosen:
+        print(*IN_SHORT, sep="\n")
+        if lost := lost_characters(output):
+            print(f"do not unzip it in {output.resolve()}: {' '.join(lost)} in that path")
 
 
 def _size(path: Path) -> str:

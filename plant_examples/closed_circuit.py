@@ -30,7 +30,6 @@ from rich.table import Table
 
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher
-from components.figures import draw_circuit
 from components.mixer import Rates, mix
 from components.screen_fmu import ScreenFmu, ScreenStep
 from vibroscreen.units import KW, KWH_T, MINUTE, MM, PERCENT, T_H, TONNE
@@ -203,6 +202,8 @@ def main(
     with ScreenFmu(fmu) as screen:
         circuit = run(screen)
     if draw:
+        from components.figures import draw_circuit  # matplotlib takes half a second to import
+
         draw_circuit(circuit.history, output)
     report(circuit)
     return circuit

@@ -101,7 +101,65 @@ def container(folder: Path) -> float:
     assert "plug" not in said, said
     path = folder / f"{CONTAINER}.fmu"
     result = simulate_fmu(str(path), stop_time=DURATION, step_size=STEP, output_interval=STEP)
+    assert result["time"][-1] == DURATION  # a discarded step ends the run without an exception
     return float(result["oversize"][-1] / FRESH_FEED)
+
+
+def pathsim(folder: Path) -> float:
+    """PathSim, with its blocks for FMUs; an input without a wire is 0 to it: a constant feeds it."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Constant
+    from pathsim_fmi import CoSimulationFMU
+
+    units = {
+        element: CoSimulationFMU(str(folder / f"{model}.fmu"), element, dt=STEP)
+        for element, model in ELEMENTS.items()
+    }
+    wires = [
+        Connection(units[source][output], units[target][given])
+        for source, output, target, given in connections(CLASSES)
+    ]
+    wired = {(target, given) for _, _, target, given in connections(CLASSES)}
+    constants = []
+    for element, unit in units.items():
+        for name, value in inputs(folder / f"{ELEMENTS[element]}.fmu").items():
+            if (element, name) not in wired:
+                constants.append(Constant(value))
+                wires.append(Connection(constants[-1], unit[name]))
+    Simulation([*constants, *units.values()], wires, dt=STEP, log=False).run(DURATION)
+    element, variable = OVERSIZE
+    return float(units[element].outputs[variable] / FRESH_FEED)
+
+
+def gemseo(folder: Path) -> float:
+    """GEMSEO, elements one after the other; what has one name is connected."""
+    from gemseo_fmu.disciplines.do_step_fmu_discipline import DoStepFMUDiscipline
+    from gemseo_fmu.disciplines.time_stepping_system import TimeSteppingSystem
+
+    outputs: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
+    given: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
+    for source, output, target, name in connections(CLASSES):
+        outputs[source][output] = given[target][name] = f"{source}.{output}"
+    units = [
+        DoStepFMUDiscipline(
+            folder / f"{model}.fmu",
+            input_names=tuple(given[element]),
+            output_names=tuple(outputs[element]),
+            name=element,
+            variable_names=outputs[element] | given[element],
+        )
+        for element, model in ELEMENTS.items()
+    ]
+    system = TimeSteppingSystem(units, DURATION, STEP, mda_name="MDAGaussSeidel")
+    return float(system.execute()[".".join(OVERSIZE)][-1] / FRESH_FEED)
+
+
+def inputs(path: Path) -> dict[str, float]:
+    """Start values of an FMU's inputs, for tools that take 0 for what they are not told."""
+    from fmpy import read_model_description
+
+    variables = read_model_description(str(path)).modelVariables
+    return {v.name: float(v.start) for v in variables if v.causality == "input"}
 
 
 def cofmupy_jacobi(folder: Path) -> float:
@@ -121,12 +179,6 @@ def cofmupy_iterative(folder: Path) -> float:
 
 def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> float:
     from cofmupy import Coordinator
-    from fmpy import read_model_description
-
-    def inputs(path: Path) -> dict[str, float]:
-        """Start values; the tool takes 0 for what it is not told."""
-        variables = read_model_description(str(path)).modelVariables
-        return {v.name: float(v.start) for v in variables if v.causality == "input"}
 
     paths = {element: folder / f"{model}.fmu" for element, model in ELEMENTS.items()}
     configuration = {
@@ -153,9 +205,27 @@ def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> floa
     return float(coordinator.get_variable(OVERSIZE)[-1] / FRESH_FEED)
 
 
-TOOLS = (fmpy_loop, fmpy_ssp, libcosimpy, ecospy, container)
-# In an environment of their own, for an fmpy of their own.
-APART = (cofmupy_jacobi, cofmupy_gauss_seidel, cofmupy_iterative)
+TOOLS = (fmpy_loop, fmpy_ssp, libcosimpy, ecospy, container, pathsim)
+# Beside packages of their own, for an fmpy of their own: what pip installs for them.
+COFMUPY = (
+    "cofmupy==1.0.0",
+    "fmpy==0.3.20",
+    "networkx==3.2.1",
+    "confluent-kafka",
+    "plotly",
+    "narwhals",
+)
+GEMSEO = (
+    *("gemseo==6.3.3", "gemseo-fmu==3.1.1", "fmpy==0.3.19", "delta", "docstring-inheritance"),
+    *("genson", "h5py", "networkx", "prettytable", "pydantic-settings", "python-dotenv"),
+    *("StrEnum", "tqdm", "wcwidth", "xxhash"),
+)
+APART = {
+    cofmupy_jacobi: COFMUPY,
+    cofmupy_gauss_seidel: COFMUPY,
+    cofmupy_iterative: COFMUPY,
+    gemseo: GEMSEO,
+}
 
 
 if __name__ == "__main__":

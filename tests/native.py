@@ -242,7 +242,7 @@ class Python:
                 values = self._try(get, *rest) or [0] * len(rest[0])
                 self.out.append(struct.pack(f"<{len(values)}{code}", *values))
             elif call == "D":
-                self._try(slave.do_step, 0.0, *rest)
+                self._step(slave, *rest)
             elif call == "X":
                 slave.setup_experiment(0.0)
                 self._try(slave.exit_initialization_mode)
@@ -275,6 +275,13 @@ class Python:
                 self._try(slave._set_fmu_state, state[:place] + changed + state[place + 1 :])
                 self._try(slave._set_fmu_state, state[:place])
         return b"".join(self.out)
+
+    def _step(self, slave: ScreenSlave, duration: float) -> None:
+        """A refused step is logged, not raised: fmi2Discard here, fmi2Error of a library."""
+        if slave.do_step(0.0, duration):
+            self.out.append(OK)
+        else:
+            self.out.append(f"logStatusError {slave.log_queue[-1].msg}\n".encode() + ERROR)
 
     def _try(self, hook: Any, *arguments: Any) -> Any:
         try:

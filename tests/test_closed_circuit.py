@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy.fmi1 import FMICallException
 from numpy.testing import assert_allclose
 
 from closed_circuit import (
@@ -26,7 +25,7 @@ from closed_circuit import (
 )
 from components.crusher import ConeCrusher
 from components.mixer import Rates
-from components.screen_fmu import ScreenFmu, ScreenStep
+from components.screen_fmu import RefusedStepError, ScreenFmu, ScreenStep
 from vibroscreen.config import ScreenConfig
 from vibroscreen.motion import Motion
 from vibroscreen.screen import Screen
@@ -208,13 +207,17 @@ def test_energy_by_hand(example: tuple[Circuit, Path]) -> None:
 
 
 @pytest.mark.parametrize(
-    "spoil",
-    [lambda feed: -feed, lambda feed: np.nan * feed],
+    ("spoil", "words"),
+    [
+        (lambda feed: -feed, "= -12 kg/s is below"),
+        (lambda feed: np.nan * feed, "= nan kg/s is not"),
+    ],
     ids=["negative feed", "not a number"],
 )
-def test_a_refused_step_cleans_up(
+def test_a_refused_step_says_why_and_cleans_up(
     example: tuple[Circuit, Path],
     spoil: Callable[[Rates], Rates],
+    words: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -229,7 +232,8 @@ def test_a_refused_step_cleans_up(
             assert len(list(tmp_path.iterdir())) == 1
             screen.step(spoil(feed), 15.5, 1.0)
 
-    with pytest.raises(FMICallException):
+    message = rf"^step of 1 s at 1 s refused: feed\.mass_flow_rate {words}"
+    with pytest.raises(RefusedStepError, match=message):
         spoil_a_running_screen()
     assert not list(tmp_path.iterdir())
     with ScreenFmu(fmu) as screen:

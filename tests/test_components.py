@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from pythonfmu.enums import Fmi2Status
 
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher, broadbent_callcott, passing_size
@@ -255,6 +256,14 @@ class Caller:
         total = rates.sum()
         self.set(f"{stream}.mass_flow_rate", total, *(rates / total))
 
+    def refused(self, step: float) -> str:
+        """What a step is refused with; it is logged, in its category, and not raised."""
+        said = len(self.slave.log_queue)
+        assert self.slave.do_step(0.0, step) is False
+        (entry,) = self.slave.log_queue[said:]
+        assert (entry.status, entry.category) == (Fmi2Status.error, "logStatusError")
+        return str(entry.msg)
+
 
 def test_the_crusher_slave_is_the_crusher(tmp_path: Path) -> None:
     caller = Caller(crusher_model(SIEVES, COMPOSITION, 14 * MM), CrusherSlave, tmp_path)
@@ -271,8 +280,7 @@ def test_the_crusher_slave_is_the_crusher(tmp_path: Path) -> None:
         assert caller.get("drive.power") == [pytest.approx(crusher.power(feed), rel=1e-12)]
     before = caller.slave.memory()
     caller.set("closed_side_setting", -1.0)
-    with pytest.raises(RuntimeError, match="must be positive"):
-        caller.slave.do_step(3.0, 3.0)
+    assert "must be positive" in caller.refused(3.0)
     caller.set("closed_side_setting", 20 * MM)
     assert caller.slave.memory() == before
 
@@ -285,13 +293,10 @@ def test_the_mixer_slave_names_what_is_wrong(tmp_path: Path) -> None:
     mixed = 50.0 * COMPOSITION + 30.0 * COMPOSITION[::-1]
     assert_allclose(caller.rates("outlet"), mixed, rtol=1e-13)
     caller.set("inlet[2].mass_fraction[3]", 1.5)
-    with pytest.raises(RuntimeError, match=r"^inlet\[2\]\.mass_fraction\[3\] = 1\.5 is outside"):
-        caller.slave.do_step(1.0, 1.0)
+    assert caller.refused(1.0).startswith("inlet[2].mass_fraction[3] = 1.5 is outside")
     caller.set("inlet[1].mass_flow_rate", -1.0)
-    with pytest.raises(RuntimeError, match=r"^inlet\[1\]\.mass_flow_rate = -1 kg/s"):
-        caller.slave.do_step(1.0, 1.0)
-    with pytest.raises(RuntimeError, match="dt = 0"):
-        caller.slave.do_step(1.0, 0.0)
+    assert caller.refused(1.0).startswith("inlet[1].mass_flow_rate = -1 kg/s")
+    assert caller.refused(0.0).startswith("dt = 0")
 
 
 def test_the_conveyor_slave_is_the_conveyor_and_remembers(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ engine.
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.kernels import layout as lay
 from vibroscreen.size_classes import SizeClasses
-from vibroscreen.units import DEG
+from vibroscreen.units import DEG, MM
 
 from test_conservation import (  # isort: skip
     CLOSURE,
@@ -34,6 +35,8 @@ from test_exact_solutions import MIXED, RHO, SIZE, scene  # isort: skip
 
 SHARE = (0.1, 0.15, 0.2, 0.15, 0.2, 0.2)
 LENGTH = 6.0
+
+SCREENS = Path(__file__).parents[1] / "plant_examples" / "screens"
 
 
 def panel(
@@ -294,8 +297,28 @@ def test_steps_reach_the_steady_state_of_all_decks(name: str, dt: float) -> None
         assert (abs(now.class_rates - end.class_rates) <= allowed).all()
     beds = [bed.hold_up for bed in result.decks]
     assert beds == pytest.approx(steady.deck_hold_up, rel=1e-3)
+    assert result.efficiency == pytest.approx(steady.efficiency, abs=1e-4)
     assert screen.step(dt).undersize.mass_flow_rate == result.undersize.mass_flow_rate
     check_closed(screen)
+
+
+def test_the_efficiency_is_that_of_the_top_deck() -> None:
+    """What passed it of what is finer than 31.5 mm, through the lower deck or over it."""
+    screen = Screen(ScreenConfig.load(SCREENS / "two_deck.toml"))
+    steady = screen.solve_steady()
+    finer = screen.config.size_classes.upper <= 31.5 * MM * (1.0 + 1e-9)
+    assert finer.sum() == 9
+    rates = [stream.class_rates for stream in (steady.undersize, *steady.intermediate)]
+    passed, fed = sum(rates)[finer].sum(), steady.feed.class_rates[finer].sum()
+    assert steady.efficiency == pytest.approx(passed / fed, rel=1e-12)
+    assert steady.undersize_recovery < 0.7 < steady.efficiency < 1.0
+    # and in a step, before the lower deck gives anything back
+    step = screen.step(2.0)
+    on_lower = step.decks[1].hold_up + 2.0 * (
+        step.undersize.mass_flow_rate + step.intermediate[0].mass_flow_rate
+    )
+    assert step.intermediate[0].mass_flow_rate == 0.0
+    assert step.efficiency == pytest.approx(on_lower / (2.0 * fed), rel=1e-9)
 
 
 def transient(config: ScreenConfig, dt: float) -> np.ndarray:

@@ -24,6 +24,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription, ScalarVariable
 from fmpy.validation import validate_fmu
 from lxml import etree
+from pythonfmu.enums import Fmi2Status
 from typer.testing import CliRunner
 
 import build_fmu
@@ -37,13 +38,15 @@ from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 from vibroscreen_fmu.package import engine, write_fmu
+from vibroscreen_fmu.python_limits import IN_SHORT
 from vibroscreen_fmu.python_slave import CONFIG_FILE, ScreenSlave
 
 N = 12
-FATAL = "status 4"
+FATAL, DISCARD = "status 4", "status 2"
 FRACTIONS = range(1, N + 1)
 
-SCREENS = Path(__file__).parents[1] / "plant_examples" / "screens"
+ROOT = Path(__file__).parents[1]
+SCREENS = ROOT / "plant_examples" / "screens"
 
 # The contract of the FMU of one deck with one panel: name, unit, display unit.
 INPUTS = {
@@ -87,6 +90,7 @@ REAL_OUTPUTS = {
     **bed_of_deck(1),
     "motion.throw_number": ("1", None),
     "performance.undersize_recovery": ("1", None),
+    "performance.efficiency": ("1", None),
     "performance.cut_size": ("m", "mm"),
     "performance.ecart_probable": ("m", "mm"),
     "drive.power": ("W", "kW"),
@@ -372,7 +376,16 @@ def test_capabilities_and_experiment(description: ModelDescription) -> None:
     assert not kind.canBeInstantiatedOnlyOncePerProcess
     assert not kind.canInterpolateInputs
     assert description.variableNamingConvention == "structured"
-    assert float(description.defaultExperiment.stepSize) == 1.0
+    experiment = description.defaultExperiment
+    assert float(experiment.startTime) == 0.0
+    assert float(experiment.stopTime) == 600.0
+    assert float(experiment.stepSize) == 1.0
+    assert float(experiment.tolerance) == ScreenConfig.default().solver.tolerance
+    assert description.version == vibroscreen.__version__
+    assert description.author == "the vibroscreen authors"
+    assert description.author in (ROOT / "LICENSE").read_text()
+    assert description.copyright == f"Copyright (c) 2026 {description.author}"
+    assert description.license == "MIT"
     assert "logStatusError" in {category.name for category in description.logCategories}
 
 
@@ -407,7 +420,15 @@ def test_what_lies_in_the_file(fmu: Path) -> None:
     text = " ".join(page.itertext())
     for name in (*INPUTS, *REAL_OUTPUTS, *ALARMS, *TUNABLE, *FIXED, *CHOICES, CONSTANT):
         assert name in text
-    for word in ("numpy", "fmi2Fatal", "libpython", "Licence", "t/h"):
+    for word in (
+        "numpy",
+        "fmi2Fatal",
+        "fmi2Discard",
+        "libpython",
+        "Licence",
+        "t/h",
+        "bed.initial = 2",
+    ):
         assert word in text
 
 
@@ -652,6 +673,8 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             "intermediate[1].mass": float(plain.view("intermediate")[0, lay.INTERMEDIATE_MASS]),
             "bed.hold_up": result.hold_up,
             "drive.power": result.drive_power,
+            "performance.undersize_recovery": result.undersize_recovery,
+            "performance.efficiency": result.efficiency,
             "performance.cut_size": result.cut_size,
             "balance.error": result.balance_error,
         }
@@ -855,6 +878,59 @@ def test_bad_starts_are_refused_by_name(
     assert message in instance.log[0][2]
 
 
+# --- the tolerance of the host -------------------------------------------------------------------
+TOLERANCES = ["solver.tolerance"]
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-3, 1e-1])
+def test_the_tolerance_of_the_host_is_the_solvers(
+    make: Callable[[], Instance], tolerance: float
+) -> None:
+    instance = make()
+    instance.slave.setupExperiment(tolerance=tolerance, startTime=0.0)
+    assert instance.get(TOLERANCES) == [tolerance]
+    instance.slave.enterInitializationMode()
+    instance.slave.exitInitializationMode()
+    assert instance.log == []
+    if tolerance == 1e-3:
+        coarse = run_engine(ScreenConfig.default().replace(solver=Solver(tolerance=tolerance)))
+        assert run_instance(instance) == coarse != run_engine(ScreenConfig.default())
+
+
+@pytest.mark.parametrize("tolerance", [5.0, 0.0, -1e-4, 1e-10, np.nan, np.inf])
+def test_a_tolerance_outside_of_the_limits_is_told_of(
+    make: Callable[[], Instance], tolerance: float
+) -> None:
+    instance = make()
+    instance.slave.setupExperiment(tolerance=tolerance, startTime=0.0)
+    assert instance.log == [
+        (
+            fmi2.fmi2Warning,
+            "logStatusWarning",
+            f"tolerance = {tolerance:g} is outside of the limits of solver.tolerance, which stays "
+            "0.0001: give one within 1e-09 and 0.1",
+        )
+    ]
+    assert instance.get(TOLERANCES) == [1e-4]
+    instance.slave.enterInitializationMode()
+    instance.slave.exitInitializationMode()
+    instance.step(1.0)
+
+
+def test_what_is_set_after_the_tolerance_counts(make: Callable[[], Instance]) -> None:
+    instance = make()
+    instance.slave.setupExperiment(tolerance=1e-3, startTime=0.0)
+    instance.set({"solver.tolerance": 1e-5})
+    instance.slave.enterInitializationMode()
+    instance.slave.exitInitializationMode()
+    assert instance.get(TOLERANCES) == [1e-5]
+    # none given: it stays
+    instance.slave.reset()
+    instance.set({"solver.tolerance": 1e-5})
+    instance.start()
+    assert instance.get(TOLERANCES) == [1e-5]
+
+
 def test_an_unknown_choice_is_refused(make: Callable[[], Instance]) -> None:
     instance = make()
     instance.slave.setInteger(instance.references(["segregation.model"]), [5])
@@ -885,13 +961,15 @@ def test_a_refused_step_is_logged_and_changes_nothing(
     good = dict(zip(values, screen.get(list(values)), strict=True))
     before = screen.state
     screen.set(values)
-    with pytest.raises(FMICallException, match=FATAL):
-        screen.step(1.0)
-    (status, category, message), fatal = screen.log
-    assert (status, category) == (fmi2.fmi2Error, "logStatusError")
-    assert message.startswith(words)
-    assert ": " in message
-    assert "%" not in message + fatal[2]
+    for _ in range(3):
+        with pytest.raises(FMICallException, match=DISCARD):
+            screen.step(1.0)
+    # a line for each, and none without a category: that ends OMSimulator
+    assert [line[:2] for line in screen.log] == [(fmi2.fmi2Error, "logStatusError")] * 3
+    for _, _, message in screen.log:
+        assert message.startswith(words)
+        assert ": " in message
+        assert "%" not in message
     screen.set(good)
     assert screen.state == before
     screen.step(1.0)
@@ -907,10 +985,110 @@ def test_a_step_of_no_time_or_for_ever_is_refused(
     screen: Instance, duration: float, words: str
 ) -> None:
     before = screen.state
-    with pytest.raises(FMICallException, match=FATAL):
+    with pytest.raises(FMICallException, match=DISCARD):
         screen.slave.doStep(0.0, duration)
-    assert words in screen.log[0][2]
+    ((_, category, message),) = screen.log
+    assert category == "logStatusError"
+    assert words in message
     assert screen.state == before
+
+
+def test_steps_before_the_start_and_after_the_end_are_refused(make: Callable[[], Instance]) -> None:
+    instance = make()
+    with pytest.raises(FMICallException, match=DISCARD):
+        instance.step(1.0)
+    instance.start()
+    instance.step(1.0)
+    before = instance.state
+    instance.slave.terminate()
+    with pytest.raises(FMICallException, match=DISCARD):
+        instance.step(1.0)
+    words = "a step before initialisation has ended or after the end"
+    assert [line[1:] for line in instance.log] == [
+        ("logStatusError", line[2]) for line in instance.log if line[2].startswith(words)
+    ]
+    assert len(instance.log) == 2
+    instance.slave.reset()
+    instance.start()
+    instance.step(1.0)
+    assert instance.state == before
+
+
+ENDS_EARLY = """
+import numpy as np
+from fmpy import simulate_fmu
+
+feed = np.array(
+    [(0.0, 80.0), (4.5, 80.0), (5.0, -3.0), (9.0, -3.0)],
+    dtype=[("time", float), ("feed.mass_flow_rate", float)],
+)
+run = simulate_fmu(
+    sys.argv[1],
+    stop_time=9.0,
+    step_size=1.0,
+    output_interval=1.0,
+    input=feed,
+    debug_logging=sys.argv[2] == "log",
+)
+print("ended at", run["time"][-1])
+"""
+
+
+def test_simulate_fmu_of_fmpy_ends_early_without_an_exception(fmu: Path) -> None:
+    """As the page says; the message is there for those who switch logging on."""
+    said = "[ERROR] feed.mass_flow_rate = -3 kg/s is below the least that is possible, 0 kg/s: "
+    loud, silent = (run_python(ENDS_EARLY, fmu, log) for log in ("log", "no log"))
+    assert loud[-1] == silent[-1] == "ended at 5.0"
+    assert len([line for line in loud if line.startswith(said)]) == 1
+    assert not [line for line in silent if "is below the least" in line]
+
+
+def test_the_last_successful_time_is_that_of_the_last_step(screen: Instance) -> None:
+    """pythonfmu's library keeps it, so a state that is set does not take it back: the page says."""
+
+    def time() -> float:
+        return screen.slave.getRealStatus(fmi2.fmi2LastSuccessfulTime)
+
+    screen.step(1.0)
+    kept = screen.slave.getFMUstate()
+    screen.step(20.0)
+    screen.slave.setFMUstate(kept)
+    screen.slave.freeFMUstate(kept)
+    assert time() == 21.0
+    screen.slave.doStep(1.0, 1.0)
+    assert time() == 2.0
+    with pytest.raises(FMICallException, match=DISCARD):
+        screen.slave.doStep(2.0, -1.0)
+    assert time() == 2.0
+
+
+def test_the_efficiency_stays_without_feed_and_is_never_nan(screen: Instance) -> None:
+    efficiency = ["performance.efficiency"]
+    screen.set({"feed.mass_flow_rate": 0.0})
+    screen.step(5.0)
+    assert screen.get(efficiency) == [0.0]
+    screen.set({"feed.mass_flow_rate": 80.0})
+    screen.step(60.0)
+    (running,) = screen.get(efficiency)
+    assert 0.5 < running < 1.0
+    screen.set({"feed.mass_flow_rate": 0.0})
+    screen.step(5.0)
+    assert screen.get(efficiency) == [running]
+    # fed with what cannot pass: there is nothing to be efficient about
+    coarse = dict.fromkeys(EVEN, 0.0) | {f"feed.mass_fraction[{N}]": 1.0}
+    screen.set({"feed.mass_flow_rate": 80.0, **coarse})
+    screen.step(5.0)
+    assert screen.get(efficiency) == [running]
+
+
+def test_a_start_in_the_steady_state_has_its_efficiency(make: Callable[[], Instance]) -> None:
+    instance = make()
+    instance.slave.setInteger(instance.references(["bed.initial"]), [2])
+    instance.start()
+    names = ["performance.efficiency", "performance.undersize_recovery"]
+    steady = Screen(ScreenConfig.default()).solve_steady()
+    # one deck: what passes it is the undersize
+    assert instance.get(names) == pytest.approx([steady.efficiency] * 2, abs=1e-4)
 
 
 def test_fractions_do_not_matter_without_feed(screen: Instance) -> None:
@@ -1235,10 +1413,18 @@ def test_the_command_says_what_it_built(tmp_path: Path) -> None:
     assert said.splitlines()[1:] == [
         "Vibrating screen (fines screen): 1.5 x 6 m at 4 mm, 3 size classes",
         "fmpy found no problem, two steps ran",
+        *IN_SHORT,
     ]
     assert "feed.mass_fraction[4]" not in {
         v.name for v in read_model_description(str(path)).modelVariables
     }
+
+
+def test_the_command_tells_of_a_folder_that_ends_a_host(tmp_path: Path) -> None:
+    folder = tmp_path / "R&D é" / "x86 (1)"
+    code, said, _ = command("--output", folder)
+    assert code == 0
+    assert said.splitlines()[-1] == f"do not unzip it in {folder}: & é ( ) in that path"
 
 
 @pytest.mark.parametrize(
@@ -1300,12 +1486,24 @@ def test_the_slave_is_plain_python(tmp_path: Path) -> None:
     config = ScreenConfig.default().replace(bed=Bed(initial="steady"))
     (tmp_path / CONFIG_FILE).write_text(config.to_toml())
     slave = ScreenSlave(instance_name="screen", resources=str(tmp_path))
+    slave.setup_experiment(0.0, None, 1e-3)
     slave.exit_initialization_mode()
     assert slave.do_step(0.0, 10.0)
+    with pytest.raises(
+        RuntimeError, match=r"solver\.tolerance is a fixed parameter of a model that runs"
+    ):
+        slave.setup_experiment(0.0, 1.0, 1e-3)
+    slave.setup_experiment(0.0)
     assert slave.get_real([]) == []
     with pytest.raises(RuntimeError, match="value reference -1 is no variable"):
         slave.get_real([-1])
     slave.set_real([], [])
     with pytest.raises(RuntimeError, match="75 per cent"):
         raise slave.refusal(ValueError("75% of it"))
-    assert [entry.category for entry in slave.log_queue] == ["logStatusError"] * 2
+    assert slave.do_step(10.0, -1.0) is False
+    slave.note("100% full", Fmi2Status.warning)
+    assert [entry.category for entry in slave.log_queue] == [
+        *["logStatusError"] * 4,
+        "logStatusWarning",
+    ]
+    assert slave.log_queue[-1].msg == "100 per cent full"

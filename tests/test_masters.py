@@ -28,15 +28,6 @@ ROOT = Path(__file__).parents[1]
 # is the engine's error, solver.tolerance = 1e-4 for a recovery.
 COUPLING_ERROR = 5e-6
 ENGINE_ERROR = 2e-5
-# What cofmupy imports and is not here, with the fmpy that it asks for.
-COFMUPY = (
-    "cofmupy==1.0.0",
-    "fmpy==0.3.20",
-    "networkx==3.2.1",
-    "confluent-kafka",
-    "plotly",
-    "narwhals",
-)
 CHECK = "from fmu_manipulation_toolbox.cli.fmutool import fmutool as f; f()"
 
 
@@ -49,17 +40,16 @@ def circuit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return folder
 
 
-@pytest.fixture(scope="session")
-def cofmupy() -> Path:
-    """Folder of packages that come before those that are here; kept beside compiled kernels."""
-    tag = hashlib.sha256(repr((sys.version, COFMUPY)).encode()).hexdigest()[:16]
-    kept = library.cache_folder() / f"cofmupy-{tag}"
+def beside(packages: tuple[str, ...]) -> Path:
+    """Folder of packages that come before those that are here; kept beside the engine."""
+    tag = hashlib.sha256(repr((sys.version, packages)).encode()).hexdigest()[:16]
+    kept = library.cache_folder() / f"{packages[0].partition('=')[0]}-{tag}"
     if not kept.is_dir():
         kept.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
             place = Path(folder, "packages")
             command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps"]
-            subprocess.run([*command, "--target", str(place), *COFMUPY], check=True)
+            subprocess.run([*command, "--target", str(place), *packages], check=True)
             try:
                 place.rename(kept)
             except OSError:
@@ -119,10 +109,10 @@ def test_tools_find_the_same_load(
 
 
 @pytest.mark.parametrize("tool", masters.APART, ids=lambda tool: tool.__name__)
-def test_cofmupy_finds_the_same_load(
-    circuit: Path, by_hand: float, cofmupy: Path, tool: Callable[[Path], float]
+def test_tools_with_an_fmpy_of_their_own_find_the_same_load(
+    circuit: Path, by_hand: float, tool: Callable[[Path], float]
 ) -> None:
-    load = found_by(tool, circuit, cofmupy)
+    load = found_by(tool, circuit, beside(masters.APART[tool]))
     assert load == pytest.approx(by_hand, abs=COUPLING_ERROR)
     assert load == pytest.approx(expected(), abs=ENGINE_ERROR)
 

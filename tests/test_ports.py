@@ -56,10 +56,10 @@ def test_every_place_has_one_port(decks: int, panels: int) -> None:
     rows = ports(with_panels(*(panels,) * decks))
     assert [port.reference for port in rows] == list(range(len(rows)))
     assert len({port.name for port in rows}) == len(rows)
-    # 31 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 19 outputs; 3 streams;
+    # 31 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 20 outputs; 3 streams;
     # 4 of every bed; rate, mass and composition of what leaves over a lower deck
     assert len(rows) == (
-        31 + 6 + decks * (1 + 5 * panels) + 6 + 19 + 3 * 3 + 4 * decks + (decks - 1) * (2 + 3)
+        31 + 6 + decks * (1 + 5 * panels) + 6 + 20 + 3 * 3 + 4 * decks + (decks - 1) * (2 + 3)
     )
 
 

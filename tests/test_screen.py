@@ -180,10 +180,12 @@ def test_step_size_is_positive(dt: float, screen: Screen) -> None:
 
 def test_a_feed_that_is_hardly_a_number_leaves_outputs_finite(screen: Screen) -> None:
     screen.step(30.0)
-    before = screen.view("output")[lay.UNDERSIZE_RECOVERY]
+    figures = [lay.UNDERSIZE_RECOVERY, lay.EFFICIENCY]
+    before = screen.view("output")[figures]
+    assert (before > 0.0).all()
     screen.step(1.0, Feed(5e-324, SHARE))
     assert np.isfinite(screen.view("output")).all()
-    assert screen.view("output")[lay.UNDERSIZE_RECOVERY] == before
+    assert (screen.view("output")[figures] == before).all()
 
 
 def test_the_longest_step(screen: Screen) -> None:
@@ -450,6 +452,7 @@ def test_fractions_of_a_stream_that_stops_stay(screen: Screen) -> None:
     assert (stopped.undersize.mass_fraction == running.undersize.mass_fraction).all()
     assert (stopped.oversize.mass_fraction == running.oversize.mass_fraction).all()
     assert stopped.undersize_recovery == running.undersize_recovery
+    assert stopped.efficiency == running.efficiency > 0.0
     assert stopped.cut_size == running.cut_size
     assert "alarm.performance" in stopped.alarms
 
@@ -693,6 +696,7 @@ def test_recoveries_by_hand() -> None:
     # finer than 4: 20 fed, 15 passed; from 4 on: 20 fed, 18 over
     assert performance.undersize_recovery(SIZES, feed, FINE, 4.0) == pytest.approx(0.75)
     assert performance.oversize_recovery(SIZES, feed, COARSE, 4.0) == pytest.approx(0.9)
+    assert performance.deck_efficiency(SIZES, feed, FINE, 4.0) == pytest.approx(0.75)
     assert performance.screening_efficiency(SIZES, feed, FINE, COARSE, 4.0) == pytest.approx(0.675)
     assert performance.misplaced_fines(SIZES, COARSE, 4.0) == pytest.approx(5.0 / 23.0)
     assert np.isnan(performance.undersize_recovery(SIZES, feed, FINE, 0.5))

@@ -69,6 +69,7 @@ def test_steps_reach_the_steady_state(name: str, dt: float) -> None:
     assert result.depth_feed == pytest.approx(steady.profile.depth[0], rel=1e-6)
     assert result.depth_discharge == pytest.approx(steady.profile.depth[-1], rel=1e-3)
     assert result.undersize_recovery == pytest.approx(steady.undersize_recovery, abs=1e-3)
+    assert result.efficiency == pytest.approx(steady.efficiency, abs=1e-3)
     assert result.transport_velocity == steady.transport_velocity
     later = screen.step(dt)
     assert later.undersize.class_rates == pytest.approx(result.undersize.class_rates, rel=1e-9)

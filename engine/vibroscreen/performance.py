@@ -94,6 +94,17 @@ def misplaced_fines(size: ArrayLike, oversize: ArrayLike, aperture: float) -> fl
     return float(mass[finer].sum()) / total if total > 0.0 else np.nan
 
 
+def deck_efficiency(size: ArrayLike, feed: ArrayLike, passed: ArrayLike, aperture: float) -> float:
+    """Efficiency of undersize removal of a deck [1]: of its feed finer than its aperture [m], what
+    passed it; nan without any.
+
+    passed[n]: what fell through the deck, also what leaves over a deck below it. The efficiency of
+    the trade's sizing rules (VSMA; Karra, CIM Bulletin, April 1979) and of Wills, Mineral
+    Processing Technology, "Industrial screening". FMU and steps: `kernels.step.write_recovery`.
+    """
+    return undersize_recovery(size, feed, passed, aperture)
+
+
 def screening_efficiency(
     size: ArrayLike, feed: ArrayLike, undersize: ArrayLike, oversize: ArrayLike, aperture: float
 ) -> float:

@@ -146,8 +146,9 @@ class StepResult:
 
     undersize, oversize and intermediate (over each lower deck) in kg/s; hold_up in kg on all decks;
     depths in m and transport_velocity in m/s of the top deck (`decks` has those of each deck);
-    throw_number, undersize_recovery dimensionless; cut_size and ecart_probable in m; drive_power
-    in W; balance_error in kg; alarms: names of those that are set.
+    throw_number, undersize_recovery (through the lowest deck) and efficiency (of the top deck)
+    dimensionless; cut_size and ecart_probable in m; drive_power in W; balance_error in kg; alarms:
+    names of those that are set.
     """
 
     undersize: Stream
@@ -160,6 +161,7 @@ class StepResult:
     transport_velocity: float
     throw_number: float
     undersize_recovery: float
+    efficiency: float
     cut_size: float
     ecart_probable: float
     drive_power: float

@@ -34,6 +34,7 @@ class Kept(NamedTuple):
     scene: Array
     step_mass: Array
     class_mass: Array
+    recovery: Array
     hold_up_work: Array
     setting: Array
 
@@ -81,19 +82,23 @@ class SteadyResult:
     Whatever is asked for is computed from what the engine left when it is read.
     """
 
-    config: ScreenConfig
     feed: Feed
-    _nodes: Nodes = field(repr=False)
+    _slice: Slice = field(repr=False)
     _kept: Kept = field(repr=False)
-    _march: Callable[[Kept, int], tuple[Profile, ...]] = field(repr=False)
 
-    @cached_property
+    @property
+    def config(self) -> ScreenConfig:
+        """The screen."""
+        return self._slice.config
+
+    @property
+    def _nodes(self) -> Nodes:
+        return self._slice.nodes
+
+    @property
     def recovery(self) -> Array:
         """Part of each class that reaches the undersize, 0 for a class that is not fed [1]."""
-        rates = self._kept.class_mass[lay.UNDER :]
-        total = np.add.reduce(rates)
-        recovery: Array = np.divide(rates[0], total, out=np.zeros(total.size), where=total > 0.0)
-        return recovery
+        return self._kept.recovery
 
     def _stream(self, row: int) -> Stream:
         rates = self._kept.class_mass[row]
@@ -181,15 +186,15 @@ class SteadyResult:
 
     @property
     def efficiency(self) -> float:
-        """Undersize recovery times oversize recovery."""
-        return performance.screening_efficiency(
-            self._nodes.size, self._fed, self._fine, self._coarse, self.aperture
+        """Of the top deck: what passed it of the feed finer than its lowest aperture."""
+        return performance.deck_efficiency(
+            self._nodes.size, self._fed, self._fine + self._between, self.aperture
         )
 
     @cached_property
     def profiles(self) -> tuple[Profile, ...]:
         """What lies along every deck, at 65 positions from the feed end to the discharge."""
-        return self._march(self._kept, PROFILE_POINTS)
+        return self._slice.march(self._kept, PROFILE_POINTS)
 
     @property
     def profile(self) -> Profile:
@@ -254,7 +259,7 @@ class Slice:
         """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
         self._check(run(self.buffer, SOLVE, 0.0, 0.0), self.buffer, self.layout)
         kept = Kept._make([values.copy() for values in self._found])
-        return SteadyResult(self.config, feed, self.nodes, kept, self.march)
+        return SteadyResult(feed, self, kept)
 
     def march(self, kept: Kept, points: int) -> tuple[Profile, ...]:
         """What lies along every deck in a steady state that was found before."""

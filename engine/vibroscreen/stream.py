@@ -69,13 +69,13 @@ def checked_fractions(mass_fraction: Sequence[float]) -> tuple[float, ...]:
 
     Raises InputError that names the first one out of range, or `feed.mass_fraction` for the sum.
     """
-    plain = as_tuple(mass_fraction)
-    kinds = set(map(type, plain)) if plain is not None else set()
-    if plain is not None and kinds == {np.float64}:
+    plain = as_tuple(mass_fraction) or ()
+    kinds = set(map(type, plain))
+    if kinds == {np.float64}:
         plain, kinds = tuple(map(float, plain)), {float}
     # Most feeds are floats in range, which need no check one by one; the sum tells of what is no
     # number and compares with nothing.
-    if plain is not None and kinds == {float} and min(plain) >= 0.0 and max(plain) <= 1.0:
+    if kinds == {float} and min(plain) >= 0.0 and max(plain) <= 1.0:
         total = math.fsum(plain)
         if abs(total - 1.0) <= SUM_TOLERANCE:
             return _normalised(plain, total)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 from collections.abc import Iterable
 from uuid import UUID
 
 from lxml import etree
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from vibroscreen_fmu.port import UNITS, Port
+from vibroscreen_fmu.port import TOLERANCE, UNITS, Port
 
 __all__ = ["guid_of", "model_description"]
 
 # Ten minutes of operation in steps of a second: a circuit settles and shows its dynamics.
 STOP_TIME, STEP_SIZE = 600.0, 1.0
+AUTHOR = "the vibroscreen authors"  # as in LICENSE
 # What the python runtime can do; what it cannot is false by default.
 PYTHON_RUNTIME = "vibroscreen with pythonfmu"
 CAPABILITIES = (
@@ -47,6 +49,9 @@ def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str, tool: 
         modelName=name,
         guid=guid,
         description=description,
+        author=AUTHOR,
+        version=importlib.metadata.version("vibroscreen"),
+        copyright=f"Copyright (c) 2026 {AUTHOR}",
         license="MIT",
         generationTool=tool,
         variableNamingConvention="structured",
@@ -61,9 +66,11 @@ def _xml(name: str, ports: tuple[Port, ...], description: str, guid: str, tool: 
     categories = etree.SubElement(root, "LogCategories")
     for name, text in Fmi2Slave.log_categories.items():
         etree.SubElement(categories, "Category", name=name, description=text)
-    etree.SubElement(
-        root, "DefaultExperiment", startTime="0", stopTime=repr(STOP_TIME), stepSize=repr(STEP_SIZE)
-    )
+    experiment = {"startTime": "0", "stopTime": repr(STOP_TIME), "stepSize": repr(STEP_SIZE)}
+    for port in ports:
+        if port.path == TOLERANCE:  # other units of a plant have none
+            experiment["tolerance"] = repr(port.start)
+    etree.SubElement(root, "DefaultExperiment", experiment)
     variables = etree.SubElement(root, "ModelVariables")
     for port in ports:
         _add_variable(variables, port)

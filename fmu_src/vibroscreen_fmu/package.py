@@ -30,6 +30,7 @@ from vibroscreen_fmu.icons import model_png, terminal_files
 from vibroscreen_fmu.model_description import model_description
 from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.ports import ports
+from vibroscreen_fmu.python_limits import PYTHON_LIMITS, Paragraph
 from vibroscreen_fmu.python_slave import CONFIG_FILE
 from vibroscreen_fmu.reference import reference_files
 
@@ -65,6 +66,12 @@ ABOUT = (
             "initialisation ends: no output depends on an input of the same instant, a loop over "
             "the screen is no algebraic loop. Any step size works, also one longer than a grain "
             "stays on the deck.",
+            "bed.initial = 2 (steady) fills the decks when initialisation ends: the run begins in "
+            "the steady state of the feed and the vibration given until then, instead of with "
+            "empty decks.",
+            "The tolerance that a host gives to fmi2SetupExperiment becomes solver.tolerance, "
+            "which bounds the error of a recovery; one outside of its limits is told of with a "
+            "warning.",
             "A state can be saved, kept in a file and set again, also in another process: the run "
             "continues bit for bit. It belongs to the build that wrote it.",
         ),
@@ -96,11 +103,6 @@ ABOUT = (
             "empty decks, with more feed after 200 s and a slower vibration after 400 s.",
         ),
     ),
-)
-STATUS = (
-    "pythonfmu, which runs the Python inside, knows one status for every refusal, fmi2Fatal; after "
-    "it the instance still works. It does not compare the GUID of the caller with that of the "
-    "file. Paths with characters outside of ASCII, # or + crash it."
 )
 NO_ENGINE = (
     "the FMU needs the engine as a library, and nothing here can link one: pip install ziglang "
@@ -278,9 +280,12 @@ def write_model(model: Model, folder: Path, title: str = "") -> Path:
         **parts.libraries(),
     }
     description = model_description(model.name, model.ports, model.description)
-    needs = ("What the host needs", (_needs(parts), STATUS))
+    needs = (
+        ("What the host needs", (_needs(parts),)),
+        ("Limits of the python runtime", PYTHON_LIMITS),
+    )
     files = {
-        **model_files(model, description, (needs,), LICENCE),
+        **model_files(model, description, needs, LICENCE),
         "documentation/licenses/pythonfmu.txt": _pythonfmu_license(),
         **_pythonfmu_binaries(model.name, parts.platforms),
         **{f"resources/{name}": content for name, content in resources.items()},
@@ -299,7 +304,7 @@ def build_of(model: Model, parts: Engine) -> str:
 def model_files(
     model: Model,
     description: bytes,
-    needs: tuple[tuple[str, tuple[str, ...]], ...],
+    needs: tuple[tuple[str, tuple[Paragraph, ...]], ...],
     licence: str,
 ) -> Files:
     """Files of an FMU that are the same for both runtimes but for a few words.
@@ -347,7 +352,7 @@ def _needs(parts: Engine) -> str:
     text = (
         f"Python 3.11 or newer with {packages} (resources/requirements.txt); "
         f"{' or '.join(parts.platforms)}. A "
-        "host that is not Python itself must find libpython."
+        "host that is not Python itself must find libpython: the commands are below."
     )
     if parts.has_kernels:
         text += " The engine is inside, as machine code: nothing is compiled on the host."

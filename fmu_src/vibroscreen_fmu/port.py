@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 from vibroscreen.units import DEG, KW, MINUTE, MM, RPM, T_H, T_M3, TONNE
 
-__all__ = ["UNITS", "Enumeration", "Port", "Steps", "Unit"]
+__all__ = ["TOLERANCE", "UNITS", "Enumeration", "Port", "Steps", "Unit"]
 
 Steps = tuple[str | int, ...]
+# Where a configuration has the tolerance that a host may give for its experiment.
+TOLERANCE: Steps = ("solver", "tolerance")
 
 
 @dataclass(frozen=True)

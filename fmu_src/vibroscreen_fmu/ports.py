@@ -152,12 +152,17 @@ _PARAMETERS = {
     "displacement_model": _Meaning("How the velocity of the bed along the deck is found"),
     "contact_depth": _Meaning("Depth of the layer from which grains can reach the openings"),
     "layer_depth": _Meaning("Depth of the layers above, the mixing length of the bed"),
-    "initial": _Meaning("What lies on the decks at the start"),
+    "initial": _Meaning(
+        "What lies on the decks at the start; 2: when initialisation ends the screen is in the "
+        "steady state of the feed and the vibration given until then"
+    ),
     "vibrating_mass": _Meaning("Mass of the vibrating box"),
     "bearing_friction": _Meaning("Friction coefficient of the exciter's bearings"),
     "bearing_diameter": _Meaning("Diameter at which the bearings rub"),
     "drive_efficiency": _Meaning("Mechanical over electric power of the drive"),
-    "tolerance": _Meaning("Bound on the numerical error of a recovery"),
+    "tolerance": _Meaning(
+        "Bound on the numerical error of a recovery; also what a host gives as tolerance"
+    ),
     "subdivision": _Meaning(
         "Sizes that stand for a class: 1 its mean, 0 chosen by the engine", "constant", "Integer"
     ),
@@ -229,6 +234,14 @@ _OUTPUTS = {
         _Meaning(
             "Share of what is fed finer than the top deck's smallest aperture that fell through "
             "the lowest deck in the last step"
+        ),
+    ),
+    "efficiency": (
+        "performance.efficiency",
+        "1",
+        _Meaning(
+            "Efficiency of the top deck: share of what is fed finer than its smallest aperture "
+            "that passed this deck in the last step; without feed the last one stays"
         ),
     ),
     "cut_size": (

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.errors import ConfigError, told
+from vibroscreen.errors import ConfigError, given, told
 from vibroscreen.fields import in_place
 from vibroscreen.screen import Screen
-from vibroscreen_fmu.port import Port, Steps
+from vibroscreen_fmu.port import TOLERANCE, Port, Steps
 from vibroscreen_fmu.ports import ports
-from vibroscreen_fmu.row_slave import RowSlave
+from vibroscreen_fmu.row_slave import RowSlave, refusing
 
 __all__ = ["CONFIG_FILE", "ScreenSlave", "configured"]
 
@@ -32,6 +33,29 @@ class ScreenSlave(RowSlave):
         super().__init__(self._table, **kwargs)
         self._fixed = [p.reference for p in self._table if p.path and p.variability == "fixed"]
         self._take_screen(Screen(self._config))
+
+    @refusing
+    def setup_experiment(
+        self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
+    ) -> None:
+        """The host's tolerance becomes `solver.tolerance`; what is set later counts.
+
+        One outside of its limits is told of with a warning, and the parameter stays.
+        """
+        super().setup_experiment(start_time, stop_time, tolerance)
+        if tolerance is None:
+            return
+        port = next(port for port in self._table if port.path == TOLERANCE)
+        self._check_settable(port)
+        assert port.least is not None
+        assert port.most is not None
+        if port.least <= tolerance <= port.most:
+            self._values[port.reference] = tolerance
+            return
+        stays = self._values[port.reference]
+        about = {"given": given("tolerance", tolerance), "other": port.name, "number": stays}
+        limits = {"limit": port.least, "other_limit": port.most}
+        self.note(told("no_tolerance", **about, **limits), Fmi2Status.warning)
 
     def start(self) -> None:
         """A screen with the parameters and inputs set so far: its decks are empty or full."""

@@ -38,7 +38,6 @@ _REAL, _INTEGER, _BOOLEAN = ("Real",), ("Integer", "Enumeration"), ("Boolean",)
 _READ_AS_REAL = (*_REAL, *_INTEGER, *_BOOLEAN)
 # Lists of value references whose places are remembered. Masters use a few, over and over.
 _MOST_REMEMBERED = 256
-_CATEGORY = "logStatusError"
 
 
 @functools.lru_cache(maxsize=256)
@@ -143,11 +142,19 @@ class RowSlave(Fmi2Slave):
 
     @refusing
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance by the step; raises InputError, with nothing changed, if the inputs are bad."""
-        if not self._running or self._ended:
-            raise ValueError(told("no_step"))
-        self.advance(step_size)
-        self._time = current_time + step_size
+        """Advance by the step; False (fmi2Discard), logged, with nothing changed, if it cannot.
+
+        Not raised: pythonfmu's library logs an exception once more, as fatal and without a
+        category, which ends some hosts. What is raised here is a defect of the model.
+        """
+        try:
+            if not self._running or self._ended:
+                raise ValueError(told("no_step"))
+            self.advance(step_size)
+            self._time = current_time + step_size
+        except ValueError as error:
+            self.note(str(error))
+            return False
         return True
 
     @refusing
@@ -219,6 +226,13 @@ class RowSlave(Fmi2Slave):
     def _fmu_state_from_bytes(state: bytes) -> bytes:
         return state
 
+    def note(self, text: str, status: Fmi2Status = Fmi2Status.error) -> str:
+        """Log a text for the host, in the category of its status; returns it as it is logged."""
+        # A host may take the message for a format.
+        message = _same_text(text.replace("%", " per cent"))
+        self.log(message, status, category=f"logStatus{status.name.capitalize()}")
+        return message
+
     # --- inside -------------------------------------------------------------------------------
     def refusal(self, error: Exception) -> RuntimeError:
         """The error to raise in the place of `error`, which is logged.
@@ -226,10 +240,7 @@ class RowSlave(Fmi2Slave):
         pythonfmu's library gives back its references to the instance, its class and its log when a
         hook raises, but keeps using them: they are taken once more.
         """
-        message = str(error) if isinstance(error, ValueError) else repr(error)
-        # A host may take the message for a format.
-        message = _same_text(message.replace("%", " per cent"))
-        self.log(message, Fmi2Status.error, category=_CATEGORY)
+        message = self.note(str(error) if isinstance(error, ValueError) else repr(error))
         if self._in_library:
             for kept in (self, type(self), self.log_queue):
                 take_reference(kept)

@@ -10,13 +10,24 @@ from typing import Self
 
 import numpy as np
 from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    defaultCallbacks,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2Warning,
+)
 
 from components.mixer import Rates, composition
 
-__all__ = ["ScreenFmu", "ScreenStep"]
+__all__ = ["RefusedStepError", "ScreenFmu", "ScreenStep"]
 
 ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
+
+
+class RefusedStepError(RuntimeError):
+    """A step that the FMU did not do, with what it logged; its state is as before the step."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,7 @@ class ScreenFmu:
         if "intermediate[1].mass_flow_rate" in reference:
             raise ValueError(f"{path} has more than one deck: build a screen with one [[deck]]")
         self._time = 0.0
+        self._messages: list[str] = []
         self._folder = extract(path)
         try:
             self._slave = FMU2Slave(
@@ -54,7 +66,7 @@ class ScreenFmu:
                 modelIdentifier=description.coSimulation.modelIdentifier,
                 instanceName="screen",
             )
-            self._slave.instantiate(loggingOn=True)
+            self._slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -86,11 +98,19 @@ class ScreenFmu:
     def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
         """Feed (kg/s by class) the screen that vibrates at `frequency` (Hz) for `step` seconds.
 
-        fmpy raises FMICallException when the FMU refuses the step; the FMU logs why.
+        Raises RefusedStepError with the FMU's own words if it refuses the step: fmi2Discard of the
+        python runtime, fmi2Error of the native one.
         """
         self._composition = composition(feed, at_rest=self._composition)
         self._slave.setReal(self._inputs, [feed.sum(), *self._composition, frequency])
-        self._slave.doStep(self._time, step)
+        self._messages.clear()
+        try:
+            self._slave.doStep(self._time, step)
+        except FMICallException as error:
+            why = "; ".join(self._messages) or f"status {error.status}, nothing was logged"
+            raise RefusedStepError(
+                f"step of {step:g} s at {self._time:g} s refused: {why}"
+            ) from error
         self._time += step
         values = np.array(self._slave.getReal(self._outputs))
         streams = values[:-2].reshape(2, -1)  # rate and fractions of undersize, then of oversize
@@ -103,6 +123,19 @@ class ScreenFmu:
             power=float(values[-1]),
             alarms=tuple(name for name, is_on in zip(ALARMS, raised, strict=True) if is_on),
         )
+
+    def _callbacks(self) -> fmi2CallbackFunctions:
+        """Those of fmpy, and a logger that keeps warnings and errors."""
+
+        def note(_: object, __: bytes, status: int, ___: bytes, message: bytes) -> None:
+            if status >= fmi2Warning:
+                self._messages.append(message.decode())
+
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(note)
+        callbacks.allocateMemory = defaultCallbacks.allocateMemory
+        callbacks.freeMemory = defaultCallbacks.freeMemory
+        return callbacks
 
     def close(self) -> None:
         """End the instance and remove the unzipped FMU."""

@@ -10,6 +10,7 @@ import contextlib
 import functools
 import gc
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from typing import Any
@@ -158,6 +159,29 @@ def _no_value(context: Any, _builder: Any, _kind: Any, _value: Any) -> Any:
     return context.get_dummy_value()
 
 
+class _Progress:
+    """Says how many kernels are done: on a terminal in one line, elsewhere a line a quarter."""
+
+    def __init__(self) -> None:
+        self._done, self._shown = 0, 0.0
+
+    def __call__(self) -> None:
+        """One more is done."""
+        self._done += 1
+        whole = max(len(_by_name), self._done)
+        if sys.stderr.isatty():
+            print(f"\r  kernel {self._done} of {whole}", end="", file=sys.stderr, flush=True)
+        elif self._done / whole >= self._shown + 0.25:
+            self._shown += 0.25
+            print(f"  kernel {self._done} of {whole}", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """All are done."""
+        if sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+_progress = _Progress()
 _dispatchers: dict[Any, Any] = {}
 _by_name: dict[str, Any] = {}
 # Name of a kernel, types that it takes, type that it gives: by its library.
@@ -193,7 +217,7 @@ def prepare() -> None:
                 return resolve(tuple(types.unliteral(kind) for kind in arguments), keywords)
 
             made.get_call_template = plain
-            made._cache = Store(function, _recipe(), _compile_kernel, _new_part, _owners)
+            made._cache = Store(function, _recipe(), _compile_kernel, _new_part, _owners, _progress)
             _by_name[f"{function.__module__}.{function.__qualname__}"] = made
             context.insert_global(known, _KernelType(made))
 
@@ -213,6 +237,7 @@ def intermediate_code(entries: Iterable[Entry]) -> Any:
             _collect(found.library, libraries)
             whole.link_in(llvm.parse_assembly(str(_in_c(entry, found.fndesc.llvm_func_name))))
     whole.link_in(_linked(libraries))
+    _progress.end()
     kept.throw_away()
     return whole
 

@@ -76,7 +76,7 @@ class Store(NullCache):
     """Where numba looks for a kernel before it compiles it, and puts it afterwards.
 
     compile_kernel: gives the library of a kernel by name for types of arguments, and what it
-    returns; make: an empty library that texts are put into.
+    returns; make: an empty library that texts are put into; tell: one more is done.
     """
 
     def __init__(
@@ -86,10 +86,12 @@ class Store(NullCache):
         compile_kernel: Callable[[str, Any], tuple[Any, Any]],
         make: Callable[[str], Any],
         owners: dict[Any, tuple[str, Any, Any]],
+        tell: Callable[[], None],
     ) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
         self._said = f"{recipe}\n{meaning(function)}"
         self._compile_kernel, self._make, self._owners = compile_kernel, make, owners
+        self._tell = tell
 
     def _path(self, kinds: Any) -> Path:
         key = sha256(f"{self._said}\n{kinds}".encode()).hexdigest()[:24]
@@ -104,6 +106,7 @@ class Store(NullCache):
             if [given for _, given in below] != [given for *_, given in kept["calls"]]:
                 return None
             path.touch()
+            self._tell()
             return self._restored(kept, [part for part, _ in below], target_context)
         return None
 
@@ -151,6 +154,7 @@ class Store(NullCache):
         }
         with contextlib.suppress(OSError):
             library.keep(self._path(sig), zlib.compress(dumps(kept), 1))
+        self._tell()
 
 
 def throw_away() -> None:

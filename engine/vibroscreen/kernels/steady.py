@@ -34,6 +34,7 @@ from vibroscreen.kernels.layout import (
     AT_OUTPUT,
     AT_PARAMETER,
     AT_PARTIAL,
+    AT_RECOVERY,
     AT_REFUSAL,
     AT_SCENE,
     AT_SIZE,
@@ -79,6 +80,7 @@ from vibroscreen.kernels.layout import (
     S_HORIZON,
     S_TRANSPORT_VELOCITY,
     SUBDIVISION,
+    UNDER,
     UNDERSIZE_RECOVERY,
     class_vector,
     column,
@@ -228,8 +230,9 @@ def lay_batch(buffer, areal_mass, horizon):
 def solve_steady(buffer):
     """Steady state under the inputs in the buffer; ACCEPTED or why there is none.
 
-    Afterwards `step_mass` and `class_mass` hold the streams [kg/s] by node and class,
-    `hold_up_work` what lies on every deck [kg], and the outputs are those of a steady step.
+    Afterwards `step_mass` and `class_mass` hold the streams [kg/s] by node and class, `recovery`
+    the part of each class that reaches the undersize, 0 for one that is not fed, `hold_up_work`
+    what lies on every deck [kg], and the outputs are those of a steady step.
     """
     place = int(buffer[AT_INPUT])
     if scalars(buffer, AT_INPUT, len(INPUT))[FEED_RATE] <= 0.0:
@@ -244,7 +247,20 @@ def solve_steady(buffer):
     solve_decks(buffer)
     sum_streams(buffer, 1.0)
     write_streams(buffer, 1.0)
+    write_recovery(buffer)
     return ACCEPTED
+
+
+@kernel
+def write_recovery(buffer):
+    """Part of each class that reaches the undersize, from the streams by class."""
+    recovery = class_vector(buffer, AT_RECOVERY, 0)
+    for k in range(recovery.size):
+        total = 0.0
+        for row in range(UNDER, OVER + int(buffer[N_DECKS])):
+            total += class_vector(buffer, AT_CLASS_MASS, row)[k]
+        under = class_vector(buffer, AT_CLASS_MASS, UNDER)[k]
+        recovery[k] = under / total if total > 0.0 else 0.0
 
 
 @kernel

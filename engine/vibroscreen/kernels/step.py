@@ -112,6 +112,7 @@ from vibroscreen.kernels.layout import (
     DRIVE_EFFICIENCY,
     DRIVE_POWER,
     ECART_PROBABLE,
+    EFFICIENCY,
     ELLIPTICITY,
     FED,
     FEED_MASS,
@@ -804,14 +805,19 @@ def write_stream(buffer, row, fraction, duration):
 
 @kernel
 def write_recovery(buffer):
-    """Undersize recovery of the step: undersize finer than the aperture over the same as fed."""
+    """Undersize recovery and efficiency of the step: of what is fed finer than the aperture.
+
+    The recovery is that of the box, through the lowest deck; the efficiency that of the top deck.
+    """
+    output = scalars(buffer, AT_OUTPUT, len(OUTPUT))
     size = node_vector(buffer, AT_SIZE, 0)
     passed = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) - 1)
+    passed_top = node_vector(buffer, AT_STEP_MASS, 0)
     fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
     aperture = panel_vector(buffer, 0, 0)[APERTURE]
     for number in range(1, panel_count(buffer, 0)):
         aperture = min(aperture, panel_vector(buffer, 0, number)[APERTURE])
-    fed, out = 0.0, 0.0
+    fed, out, out_top = 0.0, 0.0, 0.0
     total = 0.0
     for k in range(int(buffer[N_CLASSES])):
         total += class_vector(buffer, AT_CLASS_MASS, FED)[k]
@@ -819,8 +825,10 @@ def write_recovery(buffer):
         if size[i] < aperture:
             fed += fraction[i] * total
             out += passed[i]
+            out_top += passed_top[i]
     if fed > NOTHING:  # a feed that is hardly a number gives no ratio that is one
-        scalars(buffer, AT_OUTPUT, len(OUTPUT))[UNDERSIZE_RECOVERY] = out / fed
+        output[UNDERSIZE_RECOVERY] = out / fed
+        output[EFFICIENCY] = out_top / fed
 
 
 @entry("float64(vector, vector, vector, float64, float64)")
