@@ -29,7 +29,7 @@ from vibroscreen_fmu.row_slave import slave_class
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 HOST = str(library.host())
 REPLAY = Path(__file__).with_name("replay.c")
-OK, ERROR = b"\x00", b"\x03"
+OK, WARNING, ERROR = b"\x00", b"\x01", b"\x03"
 NUMBERS = {"R": "d", "I": "i", "r": "", "b": ""}
 REFUSED = 5
 STRANGE = (np.nan, np.inf, -np.inf, -1.0, 1e9, -1e-12, 2.5)
@@ -64,6 +64,8 @@ def walk(table: Sequence[Port], steps: int, seed: int, *, hostile: bool = False)
         if rng.random() < (0.5 if hostile else 0.2):
             port = rng.choice(fixed)
             yield "R", [port.reference], [near(port)]
+        if hostile and rng.random() < 0.3:
+            yield "t", rng.choice((1e-3, 2e-4, *STRANGE))
         yield ("X",)
 
     yield from start()
@@ -142,7 +144,7 @@ def record(calls: Sequence[Call], guid: str) -> bytes:
             parts.append(struct.pack(f"<I{count}I", count, *references))
             if NUMBERS[call]:
                 parts.append(struct.pack(f"<{count}{NUMBERS[call]}", *rest[1]))
-        elif call == "D":
+        elif call in ("D", "t"):
             parts.append(struct.pack("<d", rest[0]))
         elif call in ("C", "m"):
             parts.append(struct.pack("<I", rest[0]))
@@ -243,6 +245,8 @@ class Python:
                 self.out.append(struct.pack(f"<{len(values)}{code}", *values))
             elif call == "D":
                 self._step(slave, *rest)
+            elif call == "t":
+                self._set_up(slave, *rest)
             elif call == "X":
                 slave.setup_experiment(0.0)
                 self._try(slave.exit_initialization_mode)
@@ -282,6 +286,14 @@ class Python:
             self.out.append(OK)
         else:
             self.out.append(f"logStatusError {slave.log_queue[-1].msg}\n".encode() + ERROR)
+
+    def _set_up(self, slave: ScreenSlave, tolerance: float) -> None:
+        """A tolerance that is none is told as a warning; that the slave cannot return."""
+        before = len(slave.log_queue)
+        self._try(slave.setup_experiment, 0.0, None, tolerance)
+        said = slave.log_queue[before:]
+        if self.out[-1] == OK and said:
+            self.out[-1] = f"logStatusWarning {said[-1].msg}\n".encode() + WARNING
 
     def _try(self, hook: Any, *arguments: Any) -> Any:
         try:

@@ -191,6 +191,9 @@ int main(int count, char **arguments) {
             fmi2Status status = step(c, now, duration, 1);
             if (status == fmi2OK && taken != before) return fprintf(stderr, "a step took memory\n"), 4;
             put_status(status);
+        } else if (call == 't') {
+            take(&duration, sizeof duration);
+            put_status(CALL(fmi2SetupExperiment)(c, 1, duration, 0, 0, 0));
         } else if (call == 'X') {
             CALL(fmi2SetupExperiment)(c, 0, 0, 0, 0, 0);
             CALL(fmi2EnterInitializationMode)(c);

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import zipfile
 from collections.abc import Callable
@@ -144,8 +145,11 @@ def test_a_hostile_host_gets_the_same_answers(
     name: str, built: Callable[[str], Built], replay: Path, tmp_path: Path
 ) -> None:
     one = built(name)
-    calls = list(walk(one.python.ports, 300, seed=2, hostile=True))
+    tolerances: list[Call] = [("t", value) for value in (5.0, np.nan, -1.0, 1e-9, 0.1, 3e-4)]
+    calls = [*tolerances, *walk(one.python.ports, 300, seed=2, hostile=True), ("t", 1e-3)]
     wanted = one.python.answer(calls)
+    assert wanted.count(b"logStatusWarning") >= 3
+    assert b"logStatusError solver.tolerance is a fixed parameter" in wanted
     for text in ("no_time", "fixed", "not_settable", "other_type", "broken_state", "no_state"):
         pattern = re.sub(r"\\\{[^}]*\\\}", ".*", re.escape(TEXT[text]))
         assert re.search(pattern.encode(), wanted), text
@@ -545,6 +549,42 @@ def test_a_sub_model_that_needs_python_is_refused(tmp_path: Path) -> None:
 
 
 # --- the command ---------------------------------------------------------------------------------
+BUILD = """
+import sys
+from pathlib import Path
+from vibroscreen import ScreenConfig
+from vibroscreen_fmu.native.fmu import write_native_fmu
+write_native_fmu(ScreenConfig.default(), Path(sys.argv[1]), [sys.argv[2]])
+print([name for name in ("numba", "llvmlite", "ziglang") if name in sys.modules])
+"""
+
+
+def test_an_fmu_is_built_without_a_compiler(built: Callable[[str], Built], tmp_path: Path) -> None:
+    """The engine is at hand: the same file, in a process that can run no program."""
+    places = os.pathsep.join(str(ROOT / part) for part in ("engine", "fmu_src"))
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", BUILD, tmp_path / "one", HOST],
+        env={**os.environ, "PYTHONPATH": places, "PATH": "/nowhere"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("[]\n", "")
+    again = write_native_fmu(built("default").config, tmp_path / "two", [HOST])
+    assert again.read_bytes() == (tmp_path / "one" / again.name).read_bytes()
+
+
+def test_both_runtimes_lie_side_by_side(tmp_path: Path) -> None:
+    """The native one has the plain name."""
+    config = ScreenConfig.default()
+    paths = [build_fmu.build(config, tmp_path, runtime) for runtime in build_fmu.RUNTIMES]
+    assert [path.name for path in paths] == ["VibratingScreen.fmu", "VibratingScreen_python.fmu"]
+    one, two = (read_model_description(str(path)) for path in paths)
+    assert one.guid == two.guid
+    needed = [d.coSimulation.needsExecutionTool for d in (one, two)]
+    assert needed == [False, True]
+
+
 def test_platforms_that_are_not_possible_are_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
