@@ -24,7 +24,7 @@ from tests.benchmarks.baseline import (
 )
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Segregation, Solver
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels import library
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
@@ -277,7 +277,7 @@ def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
     for row in result["steps"].values():
         assert tuple(row["us"]) == step_cost.STEPS
         assert all(0.0 < cost < math.inf for cost in row["us"].values())
-    assert [row["switch"] for row in result["skips"]] == list(lay.SWITCH)
+    assert [row["switch"] for row in result["skips"]] == list(state.SWITCH)
     assert {row["what"] for row in result["targets"]} >= {"new frequency every step, us"}
 
 

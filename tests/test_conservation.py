@@ -11,7 +11,7 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 
 EDGES = (0.0, 0.004, 0.008, 0.0125, 0.016, 0.022, 0.045)
@@ -38,13 +38,13 @@ def check_signs(screen: Screen) -> None:
         assert field.min() >= 0.0, name
     output = screen.view("output")
     assert np.isfinite(screen.buffer[lay_.section["outputs"]]).all()
-    assert output[: lay.DEPTH_DISCHARGE + 1].min() >= 0.0
+    assert output[: state.DEPTH_DISCHARGE + 1].min() >= 0.0
     for name in ("undersize_fraction", "oversize_fraction"):
         fraction = screen.view(name)
         assert fraction.min() >= 0.0
         assert abs(fraction.sum() - 1.0) < 1e-9
     book = screen.view("deck")[0]
-    assert book[lay.D_PACKAGES] + book[lay.D_CELLS] <= lay_.dimension["packages"]
+    assert book.packages + book.cells <= lay_.dimension["packages"]
 
 
 def check_closed(screen: Screen) -> None:
@@ -69,13 +69,13 @@ def random_step(screen: Screen, rng: np.random.Generator) -> float:
         share[rng.integers(fraction.size)] += 0.1
         fraction[:] = share / share.sum()
     if rng.random() < 0.7:
-        inputs[lay.FEED_RATE] = rng.choice([0.0, 0.0, rng.uniform(0.0, 150.0), 600.0, 1e-9])
+        inputs.feed_rate = rng.choice([0.0, 0.0, rng.uniform(0.0, 150.0), 600.0, 1e-9])
     if rng.random() < 0.5:
-        inputs[lay.FREQUENCY] = rng.choice([0.0, 15.5, rng.uniform(5.0, 25.0)])
-        inputs[lay.AMPLITUDE] = rng.choice([0.0, 0.005, rng.uniform(0.001, 0.008)])
-        inputs[lay.DISPLACEMENT_VELOCITY] = rng.choice([0.0, 0.3, rng.uniform(0.0, 1.0), 1e-7])
-        inputs[lay.THROW_ANGLE] = rng.choice([0.8, rng.uniform(0.4, 1.6)])
-        inputs[lay.ELLIPTICITY] = rng.choice([0.0, rng.uniform(-1.0, 1.0)])
+        inputs.frequency = rng.choice([0.0, 15.5, rng.uniform(5.0, 25.0)])
+        inputs.amplitude = rng.choice([0.0, 0.005, rng.uniform(0.001, 0.008)])
+        inputs.displacement_velocity = rng.choice([0.0, 0.3, rng.uniform(0.0, 1.0), 1e-7])
+        inputs.throw_angle = rng.choice([0.8, rng.uniform(0.4, 1.6)])
+        inputs.ellipticity = rng.choice([0.0, rng.uniform(-1.0, 1.0)])
     return float(10.0 ** rng.uniform(np.log10(0.05), np.log10(400.0)))
 
 
@@ -86,7 +86,7 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
         dt = random_step(screen, rng)
         screen.advance(dt)
         check_signs(screen)
-        fed += screen.view("fraction") * screen.view("input")[lay.FEED_RATE] * dt
+        fed += screen.view("fraction") * screen.view("input").feed_rate * dt
     check_closed(screen)
     assert screen.balance().fed.to_numpy() == pytest.approx(fed, rel=1e-9)
     empty(screen)
@@ -102,9 +102,9 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
 
 def empty(screen: Screen) -> None:
     inputs = screen.view("input")
-    inputs[lay.FEED_RATE], inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE] = 0.0, 15.5, 0.005
-    inputs[lay.DISPLACEMENT_VELOCITY] = 0.3
-    inputs[lay.THROW_ANGLE], inputs[lay.ELLIPTICITY] = 0.8, 0.0
+    inputs.feed_rate, inputs.frequency, inputs.amplitude = 0.0, 15.5, 0.005
+    inputs.displacement_velocity = 0.3
+    inputs.throw_angle, inputs.ellipticity = 0.8, 0.0
     for dt in (7.0, 1000.0, 1000.0):
         screen.advance(dt)
 
@@ -146,7 +146,7 @@ def test_many_changes_in_small_steps() -> None:
     screen = small_screen(displacement=Displacement("prescribed", 0.2))
     inputs = screen.view("input")
     for k in range(3000):
-        inputs[lay.FEED_RATE] = 40.0 + k % 7
+        inputs.feed_rate = 40.0 + k % 7
         screen.advance(0.05)
     check_signs(screen)
     check_closed(screen)
@@ -172,7 +172,7 @@ def test_a_vibrating_deck_that_does_not_convey_runs_dry(model: str) -> None:
     )
     inputs = screen.view("input")
     screen.advance(5.0)
-    inputs[lay.FEED_RATE] = inputs[lay.DISPLACEMENT_VELOCITY] = 0.0
+    inputs.feed_rate = inputs.displacement_velocity = 0.0
     for _ in range(3000):
         screen.advance(0.5)
     check_signs(screen)
@@ -186,11 +186,11 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
         displacement=Displacement("prescribed", 0.3), segregation=Segregation(model)
     )
     share = (0.1, 0.1, 0.2, 0.1, 0.2, 0.3)
-    rates, velocity = Feed(50.0, share), screen.view("input")[lay.DISPLACEMENT_VELOCITY :]
+    rates, velocity = Feed(50.0, share), screen.view("input")[state.DISPLACEMENT_VELOCITY :]
     screen.step(40.0, rates)
     before = screen.result()
     # the drive stops: nothing moves, nothing passes, the feed still falls
-    screen.view("input")[lay.FREQUENCY] = 0.0
+    screen.view("input").frequency = 0.0
     for _ in range(10):
         still = screen.step(3.0, rates)
         assert still.undersize.mass_flow_rate == still.oversize.mass_flow_rate == 0.0
@@ -198,7 +198,7 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
     assert still.hold_up == pytest.approx(before.hold_up + 50.0 * 30.0, rel=1e-12)
     assert still.depth_feed > 10.0 * before.depth_feed
     # it starts again without feed: the pile rides down and leaves
-    screen.view("input")[lay.FREQUENCY] = 15.5
+    screen.view("input").frequency = 15.5
     velocity[0] = 0.3
     flow = [screen.step(1.0, Feed(0.0)) for _ in range(30)]
     check_closed(screen)
@@ -225,7 +225,7 @@ def test_last_package_leaves_when_steps_divide_the_residence_time(
             result = screen.step(dt, Feed(0.0))
         assert result.depth_discharge == 0.0
         assert result.hold_up == 0.0
-        assert screen.view("deck")[0, lay.D_PACKAGES] <= 1.0
+        assert screen.view("deck")[0].packages <= 1.0
 
 
 def test_steps_do_not_allocate() -> None:
@@ -236,7 +236,7 @@ def test_steps_do_not_allocate() -> None:
     def run() -> None:
         inputs = screen.view("input")
         for k, dt in enumerate(steps):
-            inputs[lay.FEED_RATE] = 50.0 * (k % 3)
+            inputs.feed_rate = 50.0 * (k % 3)
             screen.advance(dt)
 
     run()

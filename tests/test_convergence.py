@@ -12,7 +12,7 @@ from tests.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels import package, rates, schemes
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
@@ -29,7 +29,7 @@ def march_explicit(buffer, scene_, layers, h, steps, scheme):
     """
     for _ in range(steps):
         rates.column_rates(
-            buffer, scene_, lay.AT_STAGE, rates.NOW, layers, lay.AT_STAGE, rates.K1, 0.0
+            buffer, scene_, state.AT_STAGE, rates.NOW, layers, state.AT_STAGE, rates.K1, 0.0
         )
         if scheme == schemes.PAIR:
             schemes.pair_step(buffer, scene_, layers, h, 0.0)
@@ -172,9 +172,9 @@ def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(screen_module, "LEAST_CELLS", cells)
         screen = Screen(config)
         assert screen.layout.dimension["cells"] == cells
-        screen.view("parameter")[lay.TOLERANCE] = 1e-8
+        screen.view("parameter").tolerance = 1e-8
         screen.switch(closed_cohorts=False)  # they average nothing
-        frequency = screen.view("input")[lay.FREQUENCY : lay.FREQUENCY + 1]
+        frequency = screen.view("input")[state.FREQUENCY : state.FREQUENCY + 1]
         rows = []
         for k in range(20):
             frequency[0] = 15.5 + 0.8 * np.sin(1.3 * k)
@@ -211,7 +211,7 @@ def test_steps_go_past_layers_that_run_out() -> None:
         recovery = screen.solve_steady().recovery
         layout, buffer = screen._slice()
         counter = layout.view(buffer, "counter")
-        return recovery, counter[lay.C_COLUMN_STEPS], counter[lay.C_LANDINGS]
+        return recovery, counter.column_steps, counter.landings
 
     for count in layers:
         exact, _, _ = solve(count, Solver(1e-8))

@@ -29,7 +29,7 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels.layout import TOLERANCE
+from vibroscreen.kernels.state import TOLERANCE
 from vibroscreen.size_classes import SizeClasses
 
 RHO, WIDTH, LENGTH, APERTURE, OPEN_AREA = 1600.0, 2.0, 5.0, 0.016, 0.5

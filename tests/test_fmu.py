@@ -32,7 +32,7 @@ import vibroscreen
 import vibroscreen_fmu
 from vibroscreen.config import Bed, ScreenConfig, Solver
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels import registry
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
@@ -553,11 +553,11 @@ def engine_place(name: str) -> tuple[str, int]:
     if name.startswith("feed.mass_fraction["):
         return "fraction", int(name[len("feed.mass_fraction[") : -1]) - 1
     scalar = {
-        "feed.mass_flow_rate": lay.FEED_RATE,
-        "motion.frequency": lay.FREQUENCY,
-        "motion.amplitude": lay.AMPLITUDE,
-        "motion.ellipticity": lay.ELLIPTICITY,
-        "motion.throw_angle": lay.THROW_ANGLE,
+        "feed.mass_flow_rate": state.FEED_RATE,
+        "motion.frequency": state.FREQUENCY,
+        "motion.amplitude": state.AMPLITUDE,
+        "motion.ellipticity": state.ELLIPTICITY,
+        "motion.throw_angle": state.THROW_ANGLE,
     }
     return "input", scalar[name]
 
@@ -578,20 +578,20 @@ def test_streams_are_those_of_the_engine_bit_for_bit(screen: Instance) -> None:
         plain.advance(duration)
         output = plain.view("output")
         expected = [
-            output[lay.UNDERSIZE_RATE],
+            output.undersize_rate,
             *plain.view("undersize_fraction"),
-            output[lay.OVERSIZE_RATE],
+            output.oversize_rate,
             *plain.view("oversize_fraction"),
         ]
         assert screen.get(list(STREAMS)) == expected
-        conveyed += output[lay.OVERSIZE_RATE] > 0.0
+        conveyed += output.oversize_rate > 0.0
     assert 200 < conveyed < 1000
     scalars = ["bed.hold_up", "drive.power", "undersize.mass", "balance.error"]
     result = plain.result()
     expected = [
         result.hold_up,
         result.drive_power,
-        plain.view("output")[lay.UNDERSIZE_MASS],
+        plain.view("output").undersize_mass,
         result.balance_error,
     ]
     assert screen.get(scalars) == expected
@@ -658,7 +658,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             if rng.random() < 0.1:
                 area = float(rng.uniform(0.2, 0.6))
                 changes[f"deck[{deck}].panel[{panel}].open_area"] = area
-                plain.view("panel")[deck - 1, panel - 1, lay.OPEN_AREA] = area
+                plain.view("panel")[deck - 1, panel - 1].open_area = area
         if changes:
             lower.set(changes)
         duration = float(10.0 ** rng.uniform(np.log10(0.05), np.log10(60.0)))
@@ -670,7 +670,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             "undersize.mass_flow_rate": result.undersize.mass_flow_rate,
             "oversize.mass_flow_rate": result.oversize.mass_flow_rate,
             "intermediate[1].mass_flow_rate": result.intermediate[0].mass_flow_rate,
-            "intermediate[1].mass": float(plain.view("intermediate")[0, lay.INTERMEDIATE_MASS]),
+            "intermediate[1].mass": float(plain.view("intermediate")[0].mass),
             "bed.hold_up": result.hold_up,
             "drive.power": result.drive_power,
             "performance.undersize_recovery": result.undersize_recovery,
@@ -689,7 +689,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
         assert {name: found[name] for name in expected} == expected
         # nothing is lost between the decks
         fed = found["feed.mass"]
-        assert fed == output[lay.FEED_MASS]
+        assert fed == output.feed_mass
         gone = sum(found[f"{s}.mass"] for s in ("undersize", "oversize", "intermediate[1]"))
         assert gone + found["bed.hold_up"] == pytest.approx(fed, rel=1e-12, abs=1e-9)
         held = found["deck[1].bed.hold_up"] + found["deck[2].bed.hold_up"]
@@ -791,7 +791,7 @@ def run_engine(config: ScreenConfig) -> list[float]:
     for _ in range(3):
         plain.advance(20.0)
     return [
-        float(plain.view("output")[lay.UNDERSIZE_RATE]),
+        float(plain.view("output").undersize_rate),
         *plain.view("undersize_fraction").tolist(),
     ]
 
@@ -847,7 +847,7 @@ def test_tunable_parameters_count_from_the_next_step_on(screen: Instance) -> Non
     plain = Screen(ScreenConfig.default())
     for open_area in (0.55, 0.3, 0.6):
         screen.set({"deck[1].panel[1].open_area": open_area})
-        plain.view("panel")[0, 0, lay.OPEN_AREA] = open_area
+        plain.view("panel")[0, 0].open_area = open_area
         screen.step(30.0)
         plain.advance(30.0)
         assert (

@@ -20,7 +20,7 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.segregation import classified, exchange, proportional, well_mixed
 from vibroscreen.size_classes import SizeClasses
 
@@ -50,9 +50,9 @@ def test_packing_limits() -> None:
 
 
 def scene_of(**values: float) -> np.ndarray:
-    scene = np.zeros(len(lay.SCENE))
+    scene = np.zeros(len(state.SCENE))
     for name, value in values.items():
-        scene[lay.SCENE.index(name)] = value
+        scene[state.SCENE.index(name)] = value
     return scene
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 
 DEFAULT = ScreenConfig.default()
 SHARE = DEFAULT.feed.mass_fraction
@@ -16,7 +16,7 @@ HOLED = (0.0, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.1)
 TOP = Deck(2.4, (Panel(6.0, 0.0, 0.016, 0.5),))
 LOWER = Deck(2.4, (Panel(2.0, 0.0, 0.008, 0.5), Panel(4.0, 0.0, 0.008, 0.5, 1.4)))
 BOXES = {"single": (TOP,), "two decks": (TOP, LOWER)}
-SWITCHES = dict(zip(lay.SWITCH, range(len(lay.SWITCH)), strict=True))
+SWITCHES = dict(zip(state.SWITCH, range(len(state.SWITCH)), strict=True))
 TOLERANCE = DEFAULT.solver.tolerance
 
 # Counter that grows with the skip, and one that falls: (switch: more of, less of).
@@ -121,7 +121,7 @@ def test_cut_sizes_are_found_when_somebody_reads_them() -> None:
     eager.switch(partition=False)
     for screen in (lazy, eager):
         for k in range(5):
-            screen.view("input")[lay.FREQUENCY] = 15.0 + 0.1 * k
+            screen.view("input").frequency = 15.0 + 0.1 * k
             screen.advance(10.0)
     assert lazy.counters()["partitions"] == 0
     assert eager.counters()["partitions"] == 5

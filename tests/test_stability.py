@@ -16,7 +16,7 @@ from tests.benchmarks import stability as bench
 from tests.benchmarks.stability import CLOSURE, EDGES, MODELS, Scene, Step, deck_of, screen
 from vibroscreen import InputError, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.units import DEG
 
 # What a tolerance may be missed by where one step or one kink decides (a single class, a deck of
@@ -31,7 +31,7 @@ def check(one: Screen) -> None:
     assert bench.worst_balance(one) <= CLOSURE
     room = one.layout.dimension["packages"]
     for book in one.view("deck"):
-        assert book[lay.D_PACKAGES] + book[lay.D_CELLS] <= room
+        assert book.packages + book.cells <= room
     for name in ("undersize_fraction", "oversize_fraction"):
         assert abs(one.view(name).sum() - 1.0) < 1e-9
 
@@ -219,7 +219,7 @@ def test_a_fast_deck_under_a_heavy_feed_becomes_steady() -> None:
     """Deeper than half the deck at 0.3 m/s: no pile that begins anew for ever."""
     one = Screen(screen(feed=1e4, model="well_mixed"))
     follow(one, (Step(36_000.0), Step(36_000.0)))
-    assert one.view("deck")[0, lay.D_COVERED] == 1.0
+    assert one.view("deck")[0].covered == 1.0
     assert one.counters()["packages_integrated"] < 10_000
     assert "alarm.capacity" not in one.result().alarms or one.result().depth_feed > 1.0
 
@@ -237,7 +237,7 @@ def test_pile_leaves_as_it_came(velocity: float) -> None:
 def test_negative_velocity_is_refused_and_nothing_changes() -> None:
     one = Screen(screen())
     one.advance(3.0)
-    one.view("input")[lay.DISPLACEMENT_VELOCITY] = -1e-3
+    one.view("input").displacement_velocity = -1e-3
     before = one.state
     with pytest.raises(InputError, match=r"displacement\.velocity = -0\.001 m/s is below"):
         one.advance(1.0)

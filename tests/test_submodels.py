@@ -10,7 +10,7 @@ from numba import njit
 
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Displacement, Passage, Segregation
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.segregation import gap_open_area, gap_radius
 
@@ -30,21 +30,21 @@ def recovery_of(**changes: object) -> np.ndarray:
 @njit
 def gaudin_again(size, fraction, scene, probability):
     for i in range(size.size):
-        free = max(0.0, 1.0 - size[i] / scene[lay.S_APERTURE])
-        probability[i] = scene[lay.S_OPEN_AREA] * free * free
+        free = max(0.0, 1.0 - size[i] / scene.aperture)
+        probability[i] = scene.open_area * free * free
 
 
 def linear_law(size, fraction, scene, probability):
     """A plain function: it is compiled when it is registered."""
     for i in range(size.size):
-        free = max(0.0, 1.0 - size[i] / scene[lay.S_APERTURE])
-        probability[i] = scene[lay.S_OPEN_AREA] * free
+        free = max(0.0, 1.0 - size[i] / scene.aperture)
+        probability[i] = scene.open_area * free
 
 
 @njit
 def all_of_the_deck(size, fraction, scene, probability):
     for i in range(size.size):
-        probability[i] = scene[lay.S_OPEN_AREA] if size[i] < scene[lay.S_APERTURE] else 0.0
+        probability[i] = scene.open_area if size[i] < scene.aperture else 0.0
 
 
 def test_own_passage_law() -> None:
@@ -107,12 +107,12 @@ def exchange_again(size, load, layers, scene, contact, percolation):
     for i in range(size.size):
         contact[i] = 1.0 / mass[0] if mass[0] > 0.0 else 0.0
     for j in range(1, layers):
-        full_below = scene[lay.S_CONTACT_LOAD] if j == 1 else scene[lay.S_LAYER_FULL]
-        fill = min(1.0, mass[j] / scene[lay.S_LAYER_FULL], mass[j - 1] / full_below)
+        full_below = scene.contact_load if j == 1 else scene.layer_full
+        fill = min(1.0, mass[j] / scene.layer_full, mass[j - 1] / full_below)
         radius = 0.5 * (load[j] * size).sum() / mass[j] if mass[j] > 0.0 else 0.0
-        opening = 2.0 * gap_radius(radius, scene[lay.S_DILATION])
-        phi = gap_open_area(radius, scene[lay.S_DILATION])
-        flux = scene[lay.S_DENSITY] * scene[lay.S_SEGREGATION_VELOCITY] * phi * fill
+        opening = 2.0 * gap_radius(radius, scene.dilation)
+        phi = gap_open_area(radius, scene.dilation)
+        flux = scene.density * scene.segregation_velocity * phi * fill
         for i in range(size.size):
             small = size[i] < opening and mass[j] > 0.0
             free = 1.0 - size[i] / opening if small else 0.0
@@ -125,7 +125,7 @@ def coarse_first(size, load, layers, scene, contact, percolation):
     mass = 0.0
     for i in range(size.size):
         mass += load[0, i]
-    held = min(mass, scene[lay.S_CONTACT_LOAD])
+    held = min(mass, scene.contact_load)
     left = held
     for i in range(size.size - 1, -1, -1):
         taken = min(load[0, i], left)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.errors import InputError
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.passage import gaudin, pelevin
 from vibroscreen.kernels.segregation import gap_open_area, gap_radius
 
@@ -22,15 +23,15 @@ def _sizes(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def _scene(aperture: float, open_area: float) -> Array:
+def _scene(aperture: float, open_area: float) -> Row:
     if not (np.isfinite(aperture) and aperture > 0.0):
         raise InputError(f"aperture = {aperture:g} m is not positive: give metres", "aperture")
     if not 0.0 <= open_area <= 1.0:
         raise InputError(
             f"open_area = {open_area:g} is not in 0..1: give the open part of the area", "open_area"
         )
-    scene = np.zeros(len(lay.SCENE))
-    scene[lay.S_APERTURE], scene[lay.S_OPEN_AREA] = aperture, open_area
+    scene = Row(np.zeros(len(state.SCENE)), 0, state.SCENE)
+    scene.aperture, scene.open_area = aperture, open_area
     return scene
 
 

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
-from vibroscreen.kernels import layout as lay
-from vibroscreen.kernels import registry
+from vibroscreen.kernels import registry, state
 from vibroscreen.kernels.classes import most_nodes
 from vibroscreen.kernels.displacement import WORK_SIZE
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
-from vibroscreen.kernels.layout import Layout
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
-from vibroscreen.kernels.step import PRESCRIBED
+from vibroscreen.kernels.state import Layout
+from vibroscreen.kernels.steady import FEED_RATE
+from vibroscreen.kernels.step import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.motion import Motion
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
@@ -120,13 +120,13 @@ VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
 
 # What is told of what a kernel refused.
 TEXT_OF_CODE = {
-    lay.NOT_FINITE: "not_finite",
-    lay.TOO_SMALL: "too_small",
-    lay.TOO_LARGE: "too_large",
-    lay.BAD_SUM: "bad_sum",
-    lay.TOO_STEEP: "too_steep",
-    lay.NO_MODEL: "no_model",
-    lay.NO_VELOCITY: "no_velocity",
+    state.NOT_FINITE: "not_finite",
+    state.TOO_SMALL: "too_small",
+    state.TOO_LARGE: "too_large",
+    state.BAD_SUM: "bad_sum",
+    state.TOO_STEEP: "too_steep",
+    state.NO_MODEL: "no_model",
+    state.NO_VELOCITY: "no_velocity",
 }
 
 
@@ -193,7 +193,7 @@ class Screen:
 
     def _look_up(self) -> None:
         """Find once what every call reads and writes of the buffers."""
-        self._memory = self.view("memory")
+        self._memory = self.record("memory")
         self._inputs = Inputs(self.layout, self.buffer)
         self._column_inputs = Inputs(self._column, self._column_buffer)
         self._given, self._column_given = (
@@ -214,8 +214,12 @@ class Screen:
 
     # --- the buffer, for those who move numbers themselves ------------------------------------
     def view(self, name: str) -> Array:
-        """Field `name` of the buffer (kernels/layout.py); writing to it writes the screen."""
+        """Field `name` of the buffer (kernels/state.py); writing to it writes the screen."""
         return self.layout.view(self.buffer, name)
+
+    def record(self, name: str) -> Any:
+        """Record `name` of the buffer (kernels/state.py), or an array of them."""
+        return self.layout.record(self.buffer, name)
 
     def initialise(self) -> None:
         """Start anew with the inputs and parameters in the buffer: empty decks, or full ones.
@@ -261,7 +265,7 @@ class Screen:
 
     def read(self) -> None:
         """Bring outputs up to date that are found only when they are read: sizes of the cut."""
-        if self._memory[lay.M_UNREAD] > 0.0:
+        if self._memory.unread > 0.0:
             run(self.buffer, READ, 0.0, 0.0)
 
     # --- for people ---------------------------------------------------------------------------
@@ -284,7 +288,7 @@ class Screen:
     def result(self) -> StepResult:
         """What the last step gave."""
         self.read()
-        output = dict(zip(lay.OUTPUT, self.view("output").tolist(), strict=True))
+        output = dict(zip(state.OUTPUT, self.view("output").tolist(), strict=True))
         alarms = (name for name, value in output.items() if name.startswith("alarm_") and value)
         return StepResult(
             undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
@@ -306,35 +310,35 @@ class Screen:
 
         ledger = self.view("ledger")
         whole = {"initial": self.view("initial_mass").copy()}
-        names = {"fed": lay.FED, "undersize": lay.UNDER, "oversize": lay.OVER}
+        names = {"fed": state.FED, "undersize": state.UNDER, "oversize": state.OVER}
         for k in range(1, len(self.config.decks)):
-            names[f"intermediate_{k}"] = lay.OVER + k
+            names[f"intermediate_{k}"] = state.OVER + k
         for name, row in names.items():
             whole[name] = ledger[2 * row] + ledger[2 * row + 1]
         whole["held"] = self.view("held").copy()
-        gone, rest = ledger[2 * lay.FED].copy(), ledger[2 * lay.FED + 1].copy()
-        for row in range(lay.UNDER, lay.OVER + len(self.config.decks)):
+        gone, rest = ledger[2 * state.FED].copy(), ledger[2 * state.FED + 1].copy()
+        for row in range(state.UNDER, state.OVER + len(self.config.decks)):
             gone -= ledger[2 * row]
             rest -= ledger[2 * row + 1]
         whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
         return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
 
     def switch(self, **skips: bool) -> None:
-        """Turn skips on or off by name (`SWITCH` in kernels/layout.py); all are on at first.
+        """Turn skips on or off by name (`SWITCH` in kernels/state.py); all are on at first.
 
         Raises InputError for an unknown name.
         """
         for name, on in skips.items():
-            if name not in lay.SWITCH:
+            if name not in state.SWITCH:
                 raise InputError(
-                    f"{name} is no skip: give one of {', '.join(lay.SWITCH)}", "switch"
+                    f"{name} is no skip: give one of {', '.join(state.SWITCH)}", "switch"
                 )
             for layout, buffer in ((self.layout, self.buffer), (self._column, self._column_buffer)):
-                layout.view(buffer, "switch")[lay.SWITCH.index(name)] = float(on)
+                layout.view(buffer, "switch")[state.SWITCH.index(name)] = float(on)
 
     def counters(self) -> dict[str, int]:
         """What was computed and what was skipped since the start."""
-        return {k: int(v) for k, v in zip(lay.COUNTER, self.view("counter"), strict=True)}
+        return {k: int(v) for k, v in zip(state.COUNTER, self.view("counter"), strict=True)}
 
     def solve_steady(self, feed: Feed | None = None, motion: Motion | None = None) -> SteadyResult:
         """Steady state under a feed and a motion (those of the configuration unless given).
@@ -374,14 +378,14 @@ class Screen:
         layout, buffer = self._slice()
         batch = Feed(1.0, tuple(mass_fraction))
         self._column_inputs.put(batch, motion or self.config.motion)
-        parameter = layout.view(buffer, "parameter")
-        model = parameter[lay.DISPLACEMENT_MODEL]
-        parameter[lay.DISPLACEMENT_MODEL] = PRESCRIBED
-        layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = 0.0  # the plate does not convey
+        parameter = layout.record(buffer, "parameter")
+        model = parameter.displacement_model
+        parameter.displacement_model = PRESCRIBED
+        layout.record(buffer, "input").displacement_velocity = 0.0  # the plate does not convey
         try:
             return sieve(self.config, self.nodes, layout, buffer, areal_mass, instants, _accept)
         finally:
-            parameter[lay.DISPLACEMENT_MODEL] = model
+            parameter.displacement_model = model
 
     def _slice(self) -> tuple[Layout, Array]:
         """A buffer with room for one slice only, with parameters and inputs as they are now."""
@@ -395,7 +399,7 @@ def nodes_of(config: ScreenConfig) -> Nodes:
     buffer = layout.buffer()
     fill(layout, buffer, config)
     run(buffer, PLACE_NODES, 0.0, 0.0)
-    count = int(buffer[lay.N_NODES])
+    count = int(buffer[state.N_NODES])
     size, node_class, position, weight = (
         layout.view(buffer, name)[:count].copy()
         for name in ("size", "node_class", "node_position", "node_weight")
@@ -518,7 +522,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     def put(name: str, value: object) -> None:
         layout.view(buffer, name)[...] = value
 
-    put("parameter", [values[name] for name in lay.PARAMETER])
+    put("parameter", [values[name] for name in state.PARAMETER])
     put("lower", config.size_classes.lower)
     put("upper", config.size_classes.upper)
     put("edge", config.size_classes.edges)
@@ -538,13 +542,13 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:
         put_nodes(layout, buffer, nodes)
-    layout.view(buffer, "input")[lay.DISPLACEMENT_VELOCITY] = config.displacement.velocity
+    layout.record(buffer, "input").displacement_velocity = config.displacement.velocity
     Inputs(layout, buffer).put(config.feed, config.motion)
 
 
 def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
     """Write the nodes into a buffer that has room for them, or for more."""
-    buffer[lay.N_NODES] = nodes.count
+    buffer[state.N_NODES] = nodes.count
     for name, values in (
         ("size", nodes.size),
         ("node_class", nodes.class_index),
@@ -563,7 +567,7 @@ class Inputs:
     def __init__(self, layout: Layout, buffer: Array) -> None:
         self.views = tuple(layout.view(buffer, name) for name in ("input", "fraction", "harmonic"))
         self._numbers, self._fraction, self._harmonic = self.views
-        self._motion = self._numbers[lay.FREQUENCY : lay.ELLIPTICITY + 1]
+        self._motion = self._numbers[FIRST_OF_MOTION:END_OF_MOTION]
         self._classes = self._fraction.size
 
     def put(self, feed: Feed | None, motion: Motion | None) -> None:
@@ -572,7 +576,7 @@ class Inputs:
             if feed.mass_flow_rate > 0.0:
                 feed.check_classes(self._classes)
                 self._fraction[:] = feed.mass_fraction
-            self._numbers[lay.FEED_RATE] = feed.mass_flow_rate
+            self._numbers[FEED_RATE] = feed.mass_flow_rate
         if motion is not None:
             self._motion[:] = motion.fundamental
             self._harmonic[:] = motion.harmonic_rows
@@ -580,7 +584,7 @@ class Inputs:
 
 def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
     """Name, unit and cure of the number at a place of the buffer."""
-    for field, scalars in (("input", lay.INPUT), ("parameter", lay.PARAMETER)):
+    for field, scalars in (("input", state.INPUT), ("parameter", state.PARAMETER)):
         place = index - layout.offset[field]
         if 0 <= place < len(scalars):
             return VARIABLE[field, scalars[place]]
@@ -591,13 +595,13 @@ def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
     deck, panel, scalar = (
         int(k) for k in np.unravel_index(index - layout.offset["panel"], layout.shape["panel"])
     )
-    name, unit, cure = VARIABLE["panel", lay.PANEL[scalar]]
+    name, unit, cure = VARIABLE["panel", state.PANEL[scalar]]
     return f"deck[{deck + 1}].panel[{panel + 1}].{name}", unit, cure
 
 
 def _accept(code: int, buffer: Array, layout: Layout) -> None:
     """Raise what a kernel refused."""
-    if code != lay.ACCEPTED:
+    if code != state.ACCEPTED:
         raise refusal(layout, buffer)
 
 
@@ -611,14 +615,14 @@ def refusal_of(
     layout: Layout, buffer: Array, code: float, index: float, value: float, limit: float
 ) -> InputError:
     """The error of a refusal: its code, the place of the buffer, its value and limit."""
-    if code == lay.NO_FEED:
+    if code == state.NO_FEED:
         return InputError(
             "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
             "feed.mass_flow_rate",
         )
-    if code == lay.NO_CONVEYING:
+    if code == state.NO_CONVEYING:
         return no_conveying(layout, buffer)
-    if code == lay.BAD_SUM:
+    if code == state.BAD_SUM:
         return InputError(told("bad_sum", value=value, limit=limit), "feed.mass_fraction")
     name, unit, cure = variable_name(layout, int(index))
     text = told(
@@ -630,7 +634,7 @@ def refusal_of(
         value=value,
         limit=limit,
         degrees=value / DEG,
-        slope=math.tan(value) if code == lay.TOO_STEEP else 0.0,
+        slope=math.tan(value) if code == state.TOO_STEEP else 0.0,
         number=float(buffer[int(index)]),
     )
     return InputError(text, name)
@@ -643,10 +647,10 @@ def shown_limit(limit: float) -> float:
 
 def no_conveying(layout: Layout, buffer: Array) -> InputError:
     """What to say of a deck that does not convey."""
-    inputs = layout.view(buffer, "input")
-    frequency, amplitude = inputs[lay.FREQUENCY], inputs[lay.AMPLITUDE]
-    velocity = inputs[lay.DISPLACEMENT_VELOCITY]
-    model = layout.view(buffer, "parameter")[lay.DISPLACEMENT_MODEL]
+    inputs = layout.record(buffer, "input")
+    frequency, amplitude = inputs.frequency, inputs.amplitude
+    velocity = inputs.displacement_velocity
+    model = layout.record(buffer, "parameter").displacement_model
     if model == PRESCRIBED and velocity == 0.0:
         return InputError(
             "displacement.velocity = 0 m/s does not convey, so there is no steady state: give the "
@@ -655,9 +659,9 @@ def no_conveying(layout: Layout, buffer: Array) -> InputError:
         )
     moves = frequency > 0.0 and (amplitude != 0.0 or layout.view(buffer, "harmonic").any())
     if moves:
-        panels = layout.view(buffer, "panel")
+        panels = layout.record(buffer, "panel")
         for d, count in enumerate(layout.view(buffer, "panel_count").astype(int).tolist()):
-            factors = panels[d, :count, lay.VELOCITY_FACTOR]
+            factors = panels[d, :count].velocity_factor
             if factors.min() == 0.0:
                 name = f"deck[{d + 1}].panel[{int(factors.argmin()) + 1}].velocity_factor"
                 return InputError(

@@ -16,15 +16,9 @@ from vibroscreen.kernels.classes import (
     build_nodes,
     most_nodes,
 )
-from vibroscreen.kernels.layout import (
-    PARAMETER,
-    SEGREGATION_DILATION,
-    SEGREGATION_MODEL,
-    SEGREGATION_VELOCITY,
-    SUBDIVISION,
-    TOLERANCE,
-)
+from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.segregation import EXCHANGE
+from vibroscreen.kernels.state import PARAMETER
 from vibroscreen.units import MM
 
 Array = NDArray[np.float64]
@@ -117,19 +111,20 @@ class SizeClasses:
         kinks from the percolation velocity [m/s]. A strong screen needs more: strength is
         K = rho_b u phi W L/Q0 of the openings and of the gaps (kernels/classes.py).
         """
-        parameter = np.zeros(len(PARAMETER))
-        parameter[SUBDIVISION] = self.subdivision
-        parameter[TOLERANCE] = tolerance
-        parameter[SEGREGATION_MODEL] = segregation_model
-        parameter[SEGREGATION_DILATION] = dilation
-        parameter[SEGREGATION_VELOCITY] = percolation_velocity
+        setting = np.zeros(len(PARAMETER))
+        parameter = Row(setting, 0, PARAMETER)
+        parameter.subdivision = self.subdivision
+        parameter.tolerance = tolerance
+        parameter.segregation_model = segregation_model
+        parameter.segregation_dilation = dilation
+        parameter.segregation_velocity = percolation_velocity
         aperture = np.sort(np.array(apertures, dtype=float))
         room = most_nodes(self.count, aperture.size, float(self.subdivision))
         size, node_class, position, weight = np.empty((4, room))
         count = build_nodes(
             np.array(self.edges),
             aperture,
-            parameter,
+            setting,
             np.maximum(strength, (LEAST_PASSAGE, LEAST_PERCOLATION)),
             size,
             node_class,

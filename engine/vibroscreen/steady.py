@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from vibroscreen import performance
 from vibroscreen.config import ScreenConfig
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
-from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.state import Layout
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
 
@@ -107,17 +107,17 @@ class SteadyResult:
     @cached_property
     def undersize(self) -> Stream:
         """What passes the lowest deck."""
-        return self._stream(lay.UNDER)
+        return self._stream(state.UNDER)
 
     @cached_property
     def oversize(self) -> Stream:
         """What leaves over the top deck."""
-        return self._stream(lay.OVER)
+        return self._stream(state.OVER)
 
     @cached_property
     def intermediate(self) -> tuple[Stream, ...]:
         """What leaves over each deck below the top one."""
-        return tuple(self._stream(lay.OVER + d) for d in range(1, len(self.config.decks)))
+        return tuple(self._stream(state.OVER + d) for d in range(1, len(self.config.decks)))
 
     @property
     def transport_velocity(self) -> float:
@@ -274,7 +274,8 @@ class Slice:
 
 def _velocities(scene: Array, config: ScreenConfig, deck: int) -> Array:
     """Velocity of the bed on the panels of a deck, m/s."""
-    velocity: Array = scene[deck, : len(config.decks[deck].panels), lay.S_TRANSPORT_VELOCITY]
+    place = state.SCENE.index("transport_velocity")
+    velocity: Array = scene[deck, : len(config.decks[deck].panels), place]
     return velocity
 
 

@@ -23,9 +23,9 @@ from vibroscreen.config import (
 )
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import Number, entries, nearest
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import SOLVE_MANY, run
-from vibroscreen.kernels.layout import Layout
+from vibroscreen.kernels.state import Layout
 from vibroscreen.screen import (
     VARIABLE,
     check_supported,
@@ -233,7 +233,7 @@ def places(config: ScreenConfig, layout: Layout) -> dict[str, int]:
     """Where the numbers that a sweep may change lie among parameters and inputs, by name."""
     first = layout.section["parameters"].start
     found: dict[str, int] = {}
-    for title, scalars in (("parameter", lay.PARAMETER), ("input", lay.INPUT)):
+    for title, scalars in (("parameter", state.PARAMETER), ("input", state.INPUT)):
         for k, scalar in enumerate(scalars):
             if scalar not in FIXED:
                 found[VARIABLE[title, scalar][0]] = layout.offset[title] + k - first
@@ -242,7 +242,7 @@ def places(config: ScreenConfig, layout: Layout) -> dict[str, int]:
     for d, deck in enumerate(config.decks):
         found[f"deck[{d + 1}].width"] = layout.offset["width"] + d - first
         for p in range(len(deck.panels)):
-            for k, scalar in enumerate(lay.PANEL):
+            for k, scalar in enumerate(state.PANEL):
                 name = f"deck[{d + 1}].panel[{p + 1}].{scalar}"
                 index = np.ravel_multi_index((d, p, k), layout.shape["panel"])
                 found[name] = layout.offset["panel"] + int(index) - first
@@ -463,9 +463,9 @@ def _table(
 ) -> SteadyTable:
     """Results by name; raises for, or notes, the designs that were refused."""
     layout = slice_layout(config)
-    figures = dict(zip(lay.FIGURE, results[:, : len(lay.FIGURE)].T, strict=True))
+    figures = dict(zip(state.FIGURE, results[:, : len(state.FIGURE)].T, strict=True))
     reasons: dict[int, str] = {}
-    for design in np.flatnonzero(figures["code"] != lay.ACCEPTED).tolist():
+    for design in np.flatnonzero(figures["code"] != state.ACCEPTED).tolist():
         buffer = layout.buffer()
         fill(layout, buffer, config)
         start = layout.section["parameters"].start
@@ -476,8 +476,8 @@ def _table(
             raise InputError(f"design {design}: {error}", error.variable)
         reasons[design] = str(error)
     count, classes, decks = len(results), config.size_classes.count, len(config.decks)
-    rates = results[:, len(lay.FIGURE) :].reshape(count, lay.OVER + decks, classes)
-    products = rates[:, lay.UNDER :]
+    rates = results[:, len(state.FIGURE) :].reshape(count, state.OVER + decks, classes)
+    products = rates[:, state.UNDER :]
     total = products.sum(axis=1)
     return SteadyTable(
         values=given,
@@ -486,5 +486,5 @@ def _table(
         oversize=products[:, 1],
         intermediate=products[:, 2:],
         refused=reasons,
-        **{name: figures[name] for name in lay.FIGURE[lay.F_VELOCITY :]},
+        **{name: figures[name] for name in state.FIGURE[len(state.REFUSAL) :]},
     )

@@ -17,7 +17,7 @@ import numpy as np
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.layout import (
+from vibroscreen.kernels.state import (
     DECK_BED,
     DIMENSION,
     INPUT,

@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from vibroscreen import Feed, Motion, Screen
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
+from vibroscreen.kernels.state import (
     S_CONTACT_LOAD,
     S_COVER,
     S_DENSITY,
@@ -232,7 +232,7 @@ def march_cells(choice, scene, node, cell, layers, feed, down, clock):
 
 
 # --- the scene, as the engine sees it ----------------------------------------------------------
-def slice_of(screen: Screen) -> tuple[lay.Layout, Array]:
+def slice_of(screen: Screen) -> tuple[state.Layout, Array]:
     """Layout and buffer of the one slice that `solve_steady` follows (an internal of Screen)."""
     return screen._slice()
 
@@ -266,16 +266,16 @@ def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None =
     feed, motion = feed or config.feed, motion or config.motion
     layout, buffer = slice_of(screen)
     Inputs(layout, buffer).put(feed, motion)
-    if run(buffer, START_SLICE, 0.0, 0.0) != lay.ACCEPTED:
+    if run(buffer, START_SLICE, 0.0, 0.0) != state.ACCEPTED:
         raise ValueError("the engine refuses these inputs")
     scene = layout.view(buffer, "scene")[0, 0].copy()
     scene[S_LAYER_FULL] = scene[S_LAYER_LOAD]
     parameter = layout.view(buffer, "parameter")
     dimension = layout.dimension
     choice = np.zeros(4)
-    choice[LAW] = parameter[lay.PASSAGE_LAW]
+    choice[LAW] = parameter.passage_law
     choice[LAW_ADDRESS] = dimension["passage_address"]
-    choice[MODEL] = parameter[lay.SEGREGATION_MODEL]
+    choice[MODEL] = parameter.segregation_model
     choice[MODEL_ADDRESS] = dimension["segregation_address"]
     deck = config.decks[0]
     velocity = scene[S_TRANSPORT_VELOCITY]

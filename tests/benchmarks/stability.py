@@ -40,7 +40,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -354,9 +354,9 @@ def put(screen: Screen, step: Step) -> None:
     """Write the inputs of a step."""
     inputs = screen.view("input")
     for place, value in (
-        (lay.FEED_RATE, step.feed),
-        (lay.DISPLACEMENT_VELOCITY, step.velocity),
-        (lay.FREQUENCY, step.frequency),
+        (state.FEED_RATE, step.feed),
+        (state.DISPLACEMENT_VELOCITY, step.velocity),
+        (state.FREQUENCY, step.frequency),
     ):
         if value is not None:
             inputs[place] = value
@@ -365,11 +365,11 @@ def put(screen: Screen, step: Step) -> None:
 def from_reference(screen: Screen) -> float:
     """Difference of the steady recovery to that at a tolerance of 1e-8, in tolerances."""
     parameter = screen.view("parameter")
-    tolerance = float(parameter[lay.TOLERANCE])
+    tolerance = float(parameter.tolerance)
     ours = screen.solve_steady().recovery
-    parameter[lay.TOLERANCE] = REFERENCE
+    parameter.tolerance = REFERENCE
     reference = screen.solve_steady().recovery
-    parameter[lay.TOLERANCE] = tolerance
+    parameter.tolerance = tolerance
     return float(np.abs(ours - reference).max() / tolerance)
 
 
@@ -403,14 +403,14 @@ def stress(family: Sequence[Scene], tick: Callable[[], None]) -> Row:
 def refusals() -> dict[str, str]:
     """What becomes of beds that would convey upwards."""
     prescribed = Screen(screen())
-    prescribed.view("input")[lay.DISPLACEMENT_VELOCITY] = -0.1
+    prescribed.view("input").displacement_velocity = -0.1
     try:
         prescribed.advance(1.0)
         said = "accepted"
     except InputError as error:
         said = f"refused: {error}"
     rigid = Screen(screen().replace(displacement=Displacement("rigid_body")))
-    rigid.view("input")[lay.THROW_ANGLE] = 135.0 * DEG
+    rigid.view("input").throw_angle = 135.0 * DEG
     rigid.advance(10.0)
     result = rigid.result()
     return {
@@ -479,8 +479,8 @@ class Soak:
         frequency = held(rng.choice([0.0, 15.5, 18.0, 12.0], count, p=[0.1, 0.5, 0.2, 0.2]), 0.1)
         amplitude = held(rng.choice([0.0, 3e-3, 5e-3, 7e-3], count, p=[0.1, 0.3, 0.3, 0.3]), 0.1)
         inputs = np.tile(self.screen.view("input"), (count, 1))
-        inputs[:, lay.FEED_RATE], inputs[:, lay.FREQUENCY] = feed, frequency
-        inputs[:, lay.AMPLITUDE] = amplitude
+        inputs[:].feed_rate, inputs[:].frequency = feed, frequency
+        inputs[:].amplitude = amplitude
         share = rng.random((count, 3)) * (rng.random((count, 3)) < 0.8)
         share[np.arange(count), rng.integers(3, size=count)] += 0.1
         fraction = held(share / share.sum(axis=1, keepdims=True), 0.3)
@@ -534,7 +534,7 @@ def soak(steps: int, tick: Callable[[int], None]) -> Row:
             row["negative"] = min(row["negative"], bath.run(block))
         done += block
         row["balance"] = max(row["balance"], worst_balance(bath.screen))
-        row["packages"] = max(row["packages"], int(book[lay.D_PACKAGES] + book[lay.D_CELLS]))
+        row["packages"] = max(row["packages"], int(book.packages + book.cells))
         row.setdefault("resident_mb_first", resident_mb())
         tick(block)
     row["seconds"] = time.perf_counter() - start

@@ -61,7 +61,7 @@ from vibroscreen.config import (
     Solver,
     typical_fractions,
 )
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, SOLVE, run
 from vibroscreen.screen import LEAST_CELLS, Inputs
 from vibroscreen.size_classes import SizeClasses
@@ -155,7 +155,7 @@ class Scene:
     def __init__(self, config: ScreenConfig, off: str = "") -> None:
         self.config, self.screen = config, Screen(config)
         if off:
-            self.screen.view("switch")[lay.SWITCH.index(off)] = 0.0
+            self.screen.view("switch")[state.SWITCH.index(off)] = 0.0
         self.rng = np.random.default_rng(1)
         self.inputs, self.fraction = self.screen.view("input"), self.screen.view("fraction")
         self.parameter = self.screen.view("parameter")
@@ -165,29 +165,29 @@ class Scene:
     def advance(self) -> None:
         """A step of 1 s through the engine's door."""
         code = run(self.screen.buffer, ADVANCE, 1.0, 0.0)
-        assert code == lay.ACCEPTED
+        assert code == state.ACCEPTED
 
     def near(self, value: float, part: float) -> float:
         """A value at most this part away."""
         return value * (1.0 + self.rng.uniform(-part, part))
 
     def new_frequency(self) -> None:
-        self.inputs[lay.FREQUENCY] = self.near(self.config.motion.frequency, 0.02)
+        self.inputs.frequency = self.near(self.config.motion.frequency, 0.02)
 
     def new_feed(self) -> None:
         mix = self.duty * self.rng.uniform(0.8, 1.2, self.duty.size)
         self.fraction[:] = mix / mix.sum()
-        self.inputs[lay.FEED_RATE] = self.near(self.config.feed.mass_flow_rate, 0.2)
+        self.inputs.feed_rate = self.near(self.config.feed.mass_flow_rate, 0.2)
 
     def new_everything(self) -> None:
         self.new_feed()
         self.new_frequency()
-        self.inputs[lay.AMPLITUDE] = self.near(self.config.motion.amplitude, 0.02)
-        self.inputs[lay.THROW_ANGLE] = self.near(self.config.motion.throw_angle, 0.02)
+        self.inputs.amplitude = self.near(self.config.motion.amplitude, 0.02)
+        self.inputs.throw_angle = self.near(self.config.motion.throw_angle, 0.02)
         for index, value in (
-            (lay.PASSAGE_VELOCITY, self.config.passage.velocity),
-            (lay.SEGREGATION_VELOCITY, self.config.segregation.velocity),
-            (lay.SEGREGATION_DILATION, self.config.segregation.dilation),
+            (state.PASSAGE_VELOCITY, self.config.passage.velocity),
+            (state.SEGREGATION_VELOCITY, self.config.segregation.velocity),
+            (state.SEGREGATION_DILATION, self.config.segregation.dilation),
         ):
             self.parameter[index] = self.near(value, 0.02)
 
@@ -272,16 +272,16 @@ class Solution:
         """Another feed in the last digits, so that nothing can be taken over."""
         self.calls += 1
         rate = self.config.feed.mass_flow_rate * (1.0 + 1e-13 * self.calls)
-        self.inputs[lay.FEED_RATE] = rate
+        self.inputs.feed_rate = rate
 
     def shake(self) -> None:
         """Another frequency in the last digits: the displacement is solved anew."""
         self.nudge()
-        self.inputs[lay.FREQUENCY] = self.config.motion.frequency * (1.0 + 1e-13 * self.calls)
+        self.inputs.frequency = self.config.motion.frequency * (1.0 + 1e-13 * self.calls)
 
     def bare(self) -> None:
         """The engine alone, with inputs that lie in its buffer."""
-        assert run(self.buffer, SOLVE, 0.0, 0.0) == lay.ACCEPTED
+        assert run(self.buffer, SOLVE, 0.0, 0.0) == state.ACCEPTED
 
     def whole(self) -> None:
         """As a user calls it; only what a Feed checks of its fractions is left out."""
@@ -292,9 +292,9 @@ class Solution:
     def rates(self) -> float:
         """Evaluations of rates in a solution."""
         counter = self.layout.view(self.buffer, "counter")
-        before = counter[lay.C_RATES]
+        before = counter.rates
         self.bare()
-        return float(counter[lay.C_RATES] - before)
+        return float(counter.rates - before)
 
 
 def solution_costs(config: ScreenConfig, effort: Effort) -> list[Row]:
@@ -408,7 +408,7 @@ def package_growth(effort: Effort, spare: bool) -> Row:
             solver=Solver(tolerance * (1.0 + 1e-9), 0 if spare else cells + 4),
         )
         scene = Scene(config)
-        scene.parameter[lay.TOLERANCE] = default.solver.tolerance
+        scene.parameter.tolerance = default.solver.tolerance
         scene.run_in(scene.new_frequency)
         packages.append(scene.counted(10, scene.new_frequency)["packages_integrated"])
         timed.append(Timed(scene.advance, scene.new_frequency))
@@ -521,7 +521,7 @@ def skip_cost(skip: Skip, effort: Effort) -> Row:
             timed.append(Timed(scene.advance, change))
         scenes.append(scene)
         output = scene.screen.view("output")
-        under = scene.screen.view("undersize_fraction") * output[lay.UNDERSIZE_RATE]
+        under = scene.screen.view("undersize_fraction") * output.undersize_rate
         rates.append(under / scene.config.feed.mass_flow_rate)
     on, off_ = in_turns(timed, max(5, effort.repeat // 4))
     steps = max(1, skip.from_empty)
@@ -645,7 +645,7 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
                         part = rng.uniform(-0.02, 0.02) if moving else 0.0
                         frequency = config.motion.frequency * (1.0 + part)
                         if isinstance(values, np.ndarray):
-                            values[lay.FREQUENCY] = frequency
+                            values.frequency = frequency
                         else:
                             values[:] = [*start, frequency]
 

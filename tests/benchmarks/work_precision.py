@@ -66,7 +66,7 @@ from vibroscreen.config import (
     typical_fractions,
 )
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
-from vibroscreen.kernels.layout import (
+from vibroscreen.kernels.state import (
     S_CONTACT_LOAD,
     S_DENSITY,
     S_LAYER_FULL,

@@ -6,6 +6,7 @@ what is below. A deck below moves in parts of a piece, under what fell from the 
 
 from __future__ import annotations
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.deck import (
     advance_queue,
     advance_top,
@@ -26,24 +27,6 @@ from vibroscreen.kernels.landing import (
     lay_records,
 )
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
-    AT_CARRY,
-    AT_LANDING_START,
-    AT_LANDING_STOP,
-    AT_SCENE,
-    AT_STEP_MASS,
-    D_COHORT_FED,
-    D_COHORT_ON,
-    D_COVERED,
-    D_PACKAGES,
-    N_DECKS,
-    N_FALLS,
-    S_PASSAGE_VELOCITY,
-    deck_vector,
-    node_vector,
-    scene_vector,
-    vector,
-)
 from vibroscreen.kernels.place import cell_count, conveys, deck_length, place_after, residence_time
 
 # Pieces of a communication step of the top deck, for one residence time.
@@ -55,13 +38,13 @@ STILL_PIECE, STILL_PIECES = 1.0, 64
 @kernel
 def covered(buffer, deck):
     """Whether the deck is steady: its cohort covers it."""
-    return deck_vector(buffer, deck)[D_COVERED] == 1.0
+    return state.book(buffer, deck).covered == 1.0
 
 
 @kernel
 def all_covered(buffer):
     """Whether all decks are steady."""
-    for deck in range(int(buffer[N_DECKS])):
+    for deck in range(int(buffer[state.N_DECKS])):
         if not covered(buffer, deck):
             return False
     return True
@@ -74,11 +57,11 @@ def piece_of(buffer, left, duration):
         return left
     if conveys(buffer, 0):
         # Even pieces, and none for a step that is hardly longer than one.
-        parts = int(PIECES * left / residence_time(buffer, AT_SCENE, 0) + 0.5)
+        parts = int(PIECES * left / residence_time(buffer, state.AT_SCENE, 0) + 0.5)
         piece = left / max(1, parts)
         until = time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
-    if scene_vector(buffer, AT_SCENE, 0, 0)[S_PASSAGE_VELOCITY] == 0.0:
+    if state.scene(buffer, state.AT_SCENE, 0, 0).passage_velocity == 0.0:
         return left
     return min(left, max(STILL_PIECE, duration / STILL_PIECES))
 
@@ -94,7 +77,7 @@ def advance_decks(buffer, duration):
             stream_of_covered_deck(buffer, 0, piece)
         else:
             piece = advance_top(buffer, piece)
-        if int(buffer[N_DECKS]) > 1 and piece > 0.0:
+        if int(buffer[state.N_DECKS]) > 1 and piece > 0.0:
             advance_below(buffer, piece)
         left = 0.0 if piece == left else left - piece
 
@@ -103,11 +86,11 @@ def advance_decks(buffer, duration):
 def part_of(buffer, left):
     """Length of the next part of a piece for the decks below the top one, s."""
     part = left
-    for deck in range(1, int(buffer[N_DECKS])):
+    for deck in range(1, int(buffer[state.N_DECKS])):
         if covered(buffer, deck) or not conveys(buffer, deck):
             continue
-        part = min(part, residence_time(buffer, AT_SCENE, deck) / cell_count(buffer, deck))
-        if deck_vector(buffer, deck)[D_COHORT_ON] > 0.0:
+        part = min(part, residence_time(buffer, state.AT_SCENE, deck) / cell_count(buffer, deck))
+        if state.book(buffer, deck).cohort_on > 0.0:
             part = min(part, time_to_cover(buffer, deck))
     return part
 
@@ -119,7 +102,7 @@ def advance_below(buffer, piece):
     while left > 0.0:
         start_cohorts_below(buffer)
         part = part_of(buffer, left)
-        for deck in range(1, int(buffer[N_DECKS])):
+        for deck in range(1, int(buffer[state.N_DECKS])):
             # The records of the top deck are those of the whole piece.
             whole = piece if deck == 1 else part
             moment = piece - left + 0.5 * part if deck == 1 else 0.5 * part
@@ -131,28 +114,28 @@ def advance_below(buffer, piece):
 @kernel
 def start_cohorts_below(buffer):
     """Begin a cohort on every deck on which what falls has become steady."""
-    for deck in range(1, int(buffer[N_DECKS])):
-        book = deck_vector(buffer, deck)
+    for deck in range(1, int(buffer[state.N_DECKS])):
+        book = state.book(buffer, deck)
         steady = covered(buffer, deck - 1)
         if deck == 1:
             # What fell in a piece in which the top deck became steady is still to be laid.
             steady = fell_steadily(buffer, 0)
-        if steady and conveys(buffer, deck) and book[D_COHORT_ON] == 0.0:
-            start_cohort(buffer, deck, deck_vector(buffer, 0)[D_COHORT_FED])
+        if steady and conveys(buffer, deck) and book.cohort_on == 0.0:
+            start_cohort(buffer, deck, state.book(buffer, 0).cohort_fed)
 
 
 @kernel
 def advance_under(buffer, deck, duration, share, moment, whole):
     """Advance a deck by `duration` s under a share of what fell from the one above in `whole` s."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     if covered(buffer, deck):
         stream_of_covered_deck(buffer, deck, duration)
         return
-    if book[D_COHORT_ON] > 0.0:
+    if book.cohort_on > 0.0:
         grow_cohort(buffer, deck, duration)
     elif conveys(buffer, deck):
         extend_tail(buffer, deck, duration)
-    count = int(book[D_PACKAGES])
+    count = book.packages
     place_packages(buffer, deck, duration)
     clear_landing(buffer, count)
     lay_records(buffer, deck, count, share, moment)
@@ -165,19 +148,19 @@ def advance_under(buffer, deck, duration, share, moment, whole):
 @kernel
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
-    falls = int(buffer[N_FALLS])
+    falls = int(buffer[state.N_FALLS])
     start, stop = (
-        vector(buffer, AT_LANDING_START, falls, 0),
-        vector(buffer, AT_LANDING_STOP, falls, 0),
+        state.vector(buffer, state.AT_LANDING_START, falls, 0),
+        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
     )
     length = deck_length(buffer, deck)
     rear = queue_rear(buffer, deck)
     if conveys(buffer, deck):
         rear -= 0.5 * duration
-    for package in range(int(deck_vector(buffer, deck)[D_PACKAGES]) - 1, -1, -1):
+    for package in range(int(state.book(buffer, deck).packages) - 1, -1, -1):
         front = rear + package_span(buffer, deck, queue_slot(buffer, deck, package))
-        start[package] = min(length, max(0.0, place_after(buffer, AT_SCENE, deck, rear)))
-        stop[package] = min(length, max(0.0, place_after(buffer, AT_SCENE, deck, front)))
+        start[package] = min(length, max(0.0, place_after(buffer, state.AT_SCENE, deck, rear)))
+        stop[package] = min(length, max(0.0, place_after(buffer, state.AT_SCENE, deck, front)))
         rear = front
 
 
@@ -187,8 +170,8 @@ def pay_rest(buffer, deck):
 
     A debt that the oversize cannot bear stays until something falls on packages again.
     """
-    carry = node_vector(buffer, AT_CARRY, deck)
-    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
+    carry = state.node_vector(buffer, state.AT_CARRY, deck)
+    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
     for i in range(carry.size):
         paid = max(carry[i], -oversize[i])
         oversize[i] += paid

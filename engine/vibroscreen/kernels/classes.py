@@ -30,19 +30,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.elementary import cos, exp, raised
-from vibroscreen.kernels.language import entry, kernel
-from vibroscreen.kernels.layout import (
-    BULK_DENSITY,
-    CONTACT_DEPTH,
-    PASSAGE_VELOCITY,
-    SEGREGATION_DILATION,
-    SEGREGATION_MODEL,
-    SEGREGATION_RELATIVE_DILATION,
-    SEGREGATION_VELOCITY,
-    SUBDIVISION,
-    TOLERANCE,
-)
+from vibroscreen.kernels.language import entry, kernel, record
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
     EXCHANGE,
@@ -124,14 +114,14 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     finest and of the coarsest class at the configured dilation; a piece among them is treated as
     one that ends at the gap. Models of one's own are taken for smooth.
     """
-    model = parameter[SEGREGATION_MODEL]
-    tolerance = parameter[TOLERANCE]
+    model = parameter.segregation_model
+    tolerance = parameter.tolerance
     least, coefficient, power = 1, 0.0, 1.0
     scale = aperture
     if model == EXCHANGE:
         tolerance *= NODE_SHARE
-        dilation = parameter[SEGREGATION_DILATION]
-        relative = parameter[SEGREGATION_RELATIVE_DILATION]
+        dilation = parameter.segregation_dilation
+        relative = parameter.segregation_relative_dilation
         finest = gap_of(0.5 * (edge[0] + edge[1]), dilation, relative)
         coarsest = gap_of(edge[edge.size - 1], dilation, relative)
         if low >= coarsest:
@@ -140,7 +130,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
         if high <= finest:
             return max(least, piece_nodes(low, high, finest, strength[1], tolerance))
         kink = GAP_KINK if low < aperture else CLOSED_KINK
-        coefficient = kink * max(LEAST_KINK_VELOCITY, parameter[SEGREGATION_VELOCITY])
+        coefficient = kink * max(LEAST_KINK_VELOCITY, parameter.segregation_velocity)
         scale, power = high, 0.25
     elif model == CLASSIFIED or model == PROPORTIONAL:
         if low < aperture:
@@ -160,11 +150,11 @@ def most_nodes(classes, apertures, subdivision):
 @kernel
 def _piece_count(low, high, whole, edge, aperture, parameter, strength):
     """Nodes on a piece of a class; `whole` where the piece is the class."""
-    if parameter[SUBDIVISION] >= 1.0:
-        return int(parameter[SUBDIVISION])
+    if parameter.subdivision >= 1.0:
+        return parameter.subdivision
     # One node cannot hold what a class has on either side of an aperture.
     nodes = 1 if whole else 2
-    tolerance = NODE_SHARE * parameter[TOLERANCE]
+    tolerance = NODE_SHARE * parameter.tolerance
     for k in range(aperture.size):
         nodes = max(nodes, piece_nodes(low, high, aperture[k], strength[0], tolerance))
     largest = aperture[aperture.size - 1]
@@ -178,10 +168,10 @@ def set_strength(parameter, exposure, reach, strength):
     exposure = phi W L/Q0 [m2 s/kg] gives that of a deep bed, reach = phi L [m] that of one that has
     become thin: u phi L/(v h_c), at a velocity of THIN_VELOCITY. Writes strength[2].
     """
-    thin = reach / (THIN_VELOCITY * parameter[CONTACT_DEPTH])
-    tries = max(thin, parameter[BULK_DENSITY] * exposure)
-    passage = tries * parameter[PASSAGE_VELOCITY]
-    percolation = GAP_SHARE * tries * parameter[SEGREGATION_VELOCITY]
+    thin = reach / (THIN_VELOCITY * parameter.contact_depth)
+    tries = max(thin, parameter.bulk_density * exposure)
+    passage = tries * parameter.passage_velocity
+    percolation = GAP_SHARE * tries * parameter.segregation_velocity
     strength[0] = min(MOST_STRENGTH, max(LEAST_PASSAGE, passage))
     strength[1] = min(MOST_STRENGTH, max(LEAST_PERCOLATION, percolation))
 
@@ -201,14 +191,15 @@ def _legendre(nodes, k):
 
 
 @entry("int64(vector, vector, vector, vector, vector, vector, vector, vector)")
-def build_nodes(edge, aperture, parameter, strength, size, node_class, position, weight):
+def build_nodes(edge, aperture, setting, strength, size, node_class, position, weight):
     """Write the nodes of all classes, ascending; returns how many.
 
-    edge[N + 1] in m, aperture ascending in m; of parameter: subdivision, tolerance, segregation
+    edge[N + 1] in m, aperture ascending in m; of setting: subdivision, tolerance, segregation
     model, velocity and dilation; strength[2] by `set_strength`. A class is broken at the apertures
     inside it. Arrays of `most_nodes`: size in m, node_class from 0, position in the class 0..1,
     weight summing to 1 over a class.
     """
+    parameter = record(setting, 0, state.PARAMETER)
     count = 0
     for k in range(edge.size - 1):
         width = edge[k + 1] - edge[k]
@@ -218,7 +209,7 @@ def build_nodes(edge, aperture, parameter, strength, size, node_class, position,
             if b < aperture.size:
                 # A piece of no width but round-off would have several nodes at one size.
                 inside = min(aperture[b] - low, high - aperture[b]) > 1e-9 * width
-                if not inside or parameter[SUBDIVISION] == 1.0:
+                if not inside or parameter.subdivision == 1.0:
                     continue
                 high = aperture[b]
             whole = high - low == width

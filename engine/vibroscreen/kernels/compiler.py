@@ -243,7 +243,10 @@ def intermediate_code(entries: Iterable[Entry]) -> Any:
 
 
 # What typing of a call depends on where nothing but these is handed over.
-_PLAIN = (types.Number, types.Boolean, types.Array, types.UniTuple, types.IntegerLiteral)
+_PLAIN = (
+    *(types.Number, types.Boolean, types.Array, types.UniTuple, types.IntegerLiteral),
+    *(lowering.RowType, lowering.KindType),
+)
 
 
 @contextlib.contextmanager

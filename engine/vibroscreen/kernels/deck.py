@@ -15,98 +15,9 @@ made. Where the deck stands still (or creeps) the feed lands on top of a pile.
 
 from __future__ import annotations
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.landing import fall_row, fall_vector, lead_source, record_nothing
-from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
-    AT_CARRY,
-    AT_CELL,
-    AT_COLUMN_FLUX,
-    AT_COLUMN_TIME,
-    AT_COUNTER,
-    AT_ENTRY_VELOCITY,
-    AT_FALL_COHORT,
-    AT_FALL_COUNT,
-    AT_FEED_FRACTION,
-    AT_FREE,
-    AT_LANDING,
-    AT_LAYERS_USED,
-    AT_LEAD,
-    AT_LEAD_FEED,
-    AT_LEAD_PASSED,
-    AT_LEADER,
-    AT_LENGTH,
-    AT_LOAD,
-    AT_NODE_WORK,
-    AT_ON_PANEL,
-    AT_PACE,
-    AT_PARAMETER,
-    AT_PART_BEFORE,
-    AT_PART_END,
-    AT_PART_PASSED,
-    AT_PART_SLOT,
-    AT_PARTIAL,
-    AT_PARTIAL_PASSED,
-    AT_PASSED,
-    AT_QUEUE,
-    AT_REFERENCE,
-    AT_SCENE,
-    AT_SOURCE,
-    AT_STEP_MASS,
-    AT_SWITCH,
-    BED_LAYERS,
-    C_FOLLOWED,
-    C_MERGES,
-    C_PACKAGES,
-    C_PACKAGES_SKIPPED,
-    COUNTER,
-    D_CAPACITY_ALARM,
-    D_CELLS,
-    D_COHORT_FED,
-    D_COHORT_FRONT,
-    D_COHORT_ON,
-    D_COVERED,
-    D_FIRST_PACE,
-    D_KNOT,
-    D_KNOTS,
-    D_LEAD_LAYERS,
-    D_LEAD_PANEL,
-    D_LEADERS,
-    D_ORDER,
-    D_PACE,
-    D_PACKAGES,
-    D_PARTIAL_LAYERS,
-    D_PILE_OPEN,
-    D_PILE_REAR,
-    D_ROWS,
-    D_SHARE,
-    D_STEP,
-    D_WIDE,
-    LAYERED,
-    N_DECKS,
-    N_PACKAGES,
-    N_SOURCE,
-    PARAMETER,
-    RECORDED,
-    RECORDED_FROM,
-    S_CONTACT_LOAD,
-    S_DENSITY,
-    S_LAYER_LOAD,
-    S_MIXING,
-    S_PASSAGE_VELOCITY,
-    S_SEGREGATION_VELOCITY,
-    SWITCH,
-    TOLERANCE,
-    W_CLOSED,
-    W_IDLE,
-    W_SHARED,
-    column,
-    deck_vector,
-    node_vector,
-    package_vector,
-    scene_vector,
-    slot,
-    vector,
-)
+from vibroscreen.kernels.language import kernel, numbers
 from vibroscreen.kernels.package import begin_parts, clear_sums, integrate
 from vibroscreen.kernels.place import (
     cell_count,
@@ -142,45 +53,48 @@ JOIN = 1.0 + 1e-9
 @kernel
 def bed_capacity(buffer, deck):
     """Depth that `bed.layers` layers together hold, m; also where a model has none of its own."""
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
-    upper = (buffer[BED_LAYERS] - 1.0) * scene[S_LAYER_LOAD]
-    return (scene[S_CONTACT_LOAD] + upper) / scene[S_DENSITY]
+    scene = state.scene(buffer, state.AT_SCENE, deck, 0)
+    upper = (buffer[state.BED_LAYERS] - 1.0) * scene.layer_load
+    return (scene.contact_load + upper) / scene.density
 
 
 @kernel
 def clear_deck(buffer, deck):
     """An empty deck: no cohort; a lower deck is laid out with empty packages of a cell's length."""
-    book = deck_vector(buffer, deck)
-    for i in range(book.size):
-        book[i] = 0.0
-    book[D_SHARE] = 1.0 if deck == 0 else SHARE_BELOW
-    free = package_vector(buffer, AT_FREE, deck)
+    book = state.book(buffer, deck)
+    kept = numbers(book)
+    for i in range(kept.size):
+        kept[i] = 0.0
+    book.share = 1.0 if deck == 0 else SHARE_BELOW
+    free = state.package_vector(buffer, state.AT_FREE, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
     cells = cell_count(buffer, deck)
     if deck > 0 and free.size > cells:
-        queue = package_vector(buffer, AT_QUEUE, deck)
+        queue = state.package_vector(buffer, state.AT_QUEUE, deck)
         for cell in range(cells - 1, -1, -1):
             index = new_slot(buffer, deck)
             panel = cell_panel(buffer, deck, cell)
-            package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
-            package_vector(buffer, AT_LENGTH, deck)[index] = cell_length(buffer, deck, panel)
-            queue[int(book[D_PACKAGES])] = index
-            book[D_PACKAGES] += 1.0
+            state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
+            state.package_vector(buffer, state.AT_LENGTH, deck)[index] = cell_length(
+                buffer, deck, panel
+            )
+            queue[book.packages] = index
+            book.packages += 1.0
 
 
 # --- slots ---------------------------------------------------------------------------------------
 @kernel
 def free_slots(buffer, deck):
     """Number of package slots that nobody uses."""
-    book = deck_vector(buffer, deck)
-    return int(buffer[N_PACKAGES] - book[D_PACKAGES] - book[D_CELLS] - book[D_LEADERS])
+    book = state.book(buffer, deck)
+    return int(buffer[state.N_PACKAGES] - book.packages - book.cells - book.leaders)
 
 
 @kernel
 def give_back(buffer, deck, index):
     """Put slot `index` on the pile of free ones; call before the package leaves its row."""
-    package_vector(buffer, AT_FREE, deck)[free_slots(buffer, deck)] = index
+    state.package_vector(buffer, state.AT_FREE, deck)[free_slots(buffer, deck)] = index
 
 
 @kernel
@@ -190,20 +104,20 @@ def new_slot(buffer, deck):
         part_cohorts(buffer, deck)
     if free_slots(buffer, deck) == 0:
         merge_likest(buffer, deck)
-    index = int(package_vector(buffer, AT_FREE, deck)[free_slots(buffer, deck) - 1])
-    whole = slot(buffer, deck, index)
-    load = column(buffer, AT_LOAD, whole)
-    reference = node_vector(buffer, AT_REFERENCE, whole)
+    index = int(state.package_vector(buffer, state.AT_FREE, deck)[free_slots(buffer, deck) - 1])
+    whole = state.slot(buffer, deck, index)
+    load = state.column(buffer, state.AT_LOAD, whole)
+    reference = state.node_vector(buffer, state.AT_REFERENCE, whole)
     for i in range(reference.size):
         reference[i] = 0.0
         for j in range(load.shape[0]):
             load[j, i] = 0.0
-    package_vector(buffer, AT_LEADER, deck)[index] = 0.0
-    package_vector(buffer, AT_LENGTH, deck)[index] = 0.0
-    package_vector(buffer, AT_LAYERS_USED, deck)[index] = 1.0
-    package_vector(buffer, AT_ON_PANEL, deck)[index] = 0.0
-    pace = vector(buffer, AT_PACE, 4, whole)
-    book = deck_vector(buffer, deck)
+    state.package_vector(buffer, state.AT_LEADER, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = 1.0
+    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = 0.0
+    pace = state.vector(buffer, state.AT_PACE, 4, whole)
+    book = state.book(buffer, deck)
     keep_pace(book, pace)
     return index
 
@@ -211,63 +125,63 @@ def new_slot(buffer, deck):
 @kernel
 def keep_pace(book, pace):
     """Remember steps and order of the integration with a package."""
-    pace[0], pace[1], pace[2], pace[3] = book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE]
+    pace[0], pace[1], pace[2], pace[3] = book.step, book.order, book.pace, book.wide
 
 
 @kernel
 def use_pace(book, pace):
     """Go on with remembered steps and order."""
-    book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE] = pace[0], pace[1], pace[2], pace[3]
+    book.step, book.order, book.pace, book.wide = pace[0], pace[1], pace[2], pace[3]
 
 
 @kernel
 def queue_slot(buffer, deck, place):
     """Slot of the package at a place of the queue."""
-    return int(package_vector(buffer, AT_QUEUE, deck)[place])
+    return int(state.package_vector(buffer, state.AT_QUEUE, deck)[place])
 
 
 @kernel
 def join_back(buffer, deck, index):
     """Put a package behind the last one of the queue."""
-    book = deck_vector(buffer, deck)
-    package_vector(buffer, AT_QUEUE, deck)[int(book[D_PACKAGES])] = index
-    book[D_PACKAGES] += 1.0
+    book = state.book(buffer, deck)
+    state.package_vector(buffer, state.AT_QUEUE, deck)[book.packages] = index
+    book.packages += 1.0
 
 
 @kernel
 def leave_queue(buffer, deck, place):
     """Take the package at `place` out of the queue and free its slot."""
-    book = deck_vector(buffer, deck)
-    queue = package_vector(buffer, AT_QUEUE, deck)
+    book = state.book(buffer, deck)
+    queue = state.package_vector(buffer, state.AT_QUEUE, deck)
     give_back(buffer, deck, queue[place])
-    book[D_PACKAGES] -= 1.0
-    for k in range(place, int(book[D_PACKAGES])):
+    book.packages -= 1.0
+    for k in range(place, book.packages):
         queue[k] = queue[k + 1]
 
 
 @kernel
 def panel_of(buffer, deck, index):
     """Panel on which a package counts: that of its middle."""
-    return int(package_vector(buffer, AT_ON_PANEL, deck)[index])
+    return int(state.package_vector(buffer, state.AT_ON_PANEL, deck)[index])
 
 
 @kernel
 def package_scene(buffer, deck, index):
     """Scene of the panel on which a package counts."""
-    return scene_vector(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))
+    return state.scene(buffer, state.AT_SCENE, deck, panel_of(buffer, deck, index))
 
 
 @kernel
 def package_velocity(buffer, deck, index):
     """Velocity of a package, m/s."""
-    return panel_velocity(buffer, AT_SCENE, deck, panel_of(buffer, deck, index))
+    return panel_velocity(buffer, state.AT_SCENE, deck, panel_of(buffer, deck, index))
 
 
 @kernel
 def package_span(buffer, deck, index):
     """Riding time from the rear to the front of a package, s; its length where all stands still."""
     velocity = package_velocity(buffer, deck, index)
-    length = package_vector(buffer, AT_LENGTH, deck)[index]
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)[index]
     return length / velocity if velocity > 0.0 else length
 
 
@@ -275,8 +189,8 @@ def package_span(buffer, deck, index):
 def merge_into(buffer, deck, place):
     """Merge the package behind `place` into the one at `place`, layer by layer, conservatively."""
     keep, gone = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    length = package_vector(buffer, AT_LENGTH, deck)
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
     stretch = 1.0  # of what comes from another panel
     if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and conveys(buffer, deck):
         velocity = package_velocity(buffer, deck, keep)
@@ -284,11 +198,11 @@ def merge_into(buffer, deck, place):
     whole = length[keep] + stretch * length[gone]
     if whole > 0.0:
         load, more = (
-            column(buffer, AT_LOAD, slot(buffer, deck, keep)),
-            column(buffer, AT_LOAD, slot(buffer, deck, gone)),
+            state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, keep)),
+            state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, gone)),
         )
-        reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, keep))
-        fed = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, gone))
+        reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, keep))
+        fed = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, gone))
         layers = int(max(used[keep], used[gone]))
         for i in range(reference.size):
             reference[i] = (length[keep] * reference[i] + length[gone] * fed[i]) / whole
@@ -297,17 +211,17 @@ def merge_into(buffer, deck, place):
         used[keep] = restack(buffer, package_scene(buffer, deck, keep), load, layers)
         length[keep] = whole
     leave_queue(buffer, deck, place + 1)
-    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_MERGES] += 1.0
+    state.counters(buffer).merges += 1.0
 
 
 @kernel
 def unlikeness(buffer, deck, one, two):
     """How much two packages differ: largest difference of a node, as a part of what was fed."""
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
-    load = column(buffer, AT_LOAD, slot(buffer, deck, one))
-    other = column(buffer, AT_LOAD, slot(buffer, deck, two))
-    reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, one))
-    fed = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, two))
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, one))
+    other = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, two))
+    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, one))
+    fed = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, two))
     layers = int(max(used[one], used[two]))
     worst = 0.0
     for i in range(reference.size):
@@ -326,10 +240,10 @@ def merge_likest(buffer, deck):
 
     Rates are smooth, so what mixing changes is of second order in the difference.
     """
-    book = deck_vector(buffer, deck)
-    length = package_vector(buffer, AT_LENGTH, deck)
+    book = state.book(buffer, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     best, least = 0, 1e300
-    for place in range(int(book[D_PACKAGES]) - 1):
+    for place in range(book.packages - 1):
         one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
         together = length[one] + length[two]
         weight = length[one] * length[two] / together if together > 0.0 else 0.0
@@ -339,14 +253,14 @@ def merge_likest(buffer, deck):
             best, least = place, cost
     one, two = queue_slot(buffer, deck, best), queue_slot(buffer, deck, best + 1)
     if not alike(buffer, deck, one, two):
-        book[D_CAPACITY_ALARM] = 1.0
+        book.capacity_alarm = 1.0
     merge_into(buffer, deck, best)
 
 
 @kernel
 def alike(buffer, deck, one, two):
     """Whether mixing two packages changes a recovery by less than the tolerance."""
-    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
+    tolerance = state.parameters(buffer).tolerance
     return unlikeness(buffer, deck, one, two) ** 2 <= tolerance
 
 
@@ -354,34 +268,34 @@ def alike(buffer, deck, one, two):
 @kernel
 def integrate_package(buffer, deck, index, duration):
     """Advance the column of a package; its step and order are remembered with it."""
-    book = deck_vector(buffer, deck)
-    whole = slot(buffer, deck, index)
-    pace = vector(buffer, AT_PACE, 4, whole)
-    lead_pace = (book[D_STEP], book[D_ORDER], book[D_PACE], book[D_WIDE])
+    book = state.book(buffer, deck)
+    whole = state.slot(buffer, deck, index)
+    pace = state.vector(buffer, state.AT_PACE, 4, whole)
+    lead_pace = (book.step, book.order, book.pace, book.wide)
     use_pace(book, pace)
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
     used[index] = integrate(
         buffer,
         package_scene(buffer, deck, index),
         book,
-        column(buffer, AT_LOAD, whole),
-        node_vector(buffer, AT_REFERENCE, whole),
+        state.column(buffer, state.AT_LOAD, whole),
+        state.node_vector(buffer, state.AT_REFERENCE, whole),
         int(used[index]),
         duration,
     )
     keep_pace(book, pace)
     use_pace(book, lead_pace)
-    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES] += 1.0
+    state.counters(buffer).packages_integrated += 1.0
 
 
 @kernel
 def pass_through(buffer, deck, row, scale, scale_time):
     """Book what passed, scale x passed + scale_time x its integral, as undersize of the deck."""
-    undersize = node_vector(buffer, AT_STEP_MASS, deck)
-    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
+    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
+    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
     fallen = fall_vector(buffer, deck, row)
-    record = deck + 1 < int(buffer[N_DECKS])
+    record = deck + 1 < int(buffer[state.N_DECKS])
     for i in range(passed.size):
         mass = scale * passed[i] + scale_time * passed_time[i]
         undersize[i] += mass
@@ -394,20 +308,20 @@ def land_on(buffer, row, area, time):
     """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
     if area * time <= 0.0:
         return
-    source = node_vector(buffer, AT_SOURCE, 0)
-    landing = node_vector(buffer, AT_LANDING, row)
+    source = state.node_vector(buffer, state.AT_SOURCE, 0)
+    landing = state.node_vector(buffer, state.AT_LANDING, row)
     for i in range(source.size):
         source[i] = landing[i] / (area * time)
         if source[i] != 0.0:
-            buffer[N_SOURCE] = 1.0
+            buffer[state.N_SOURCE] = 1.0
 
 
 @kernel
 def refer_to_landing(buffer, deck, index, row):
     """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
-    reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, index))
-    landing = node_vector(buffer, AT_LANDING, row)
-    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, index))
+    landing = state.node_vector(buffer, state.AT_LANDING, row)
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
     for i in range(reference.size):
         if landing[i] > 0.0:
             reference[i] += landing[i] / area
@@ -418,7 +332,7 @@ def ride(buffer, deck, index, row, duration):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
         integrate_package(buffer, deck, index, duration)
-        area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+        area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
         pass_through(buffer, deck, row, area, 0.0)
 
 
@@ -429,14 +343,14 @@ def discharge(buffer, deck, index, row, duration, rest):
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
     exactly from the time integrals of what passed and of the loads.
     """
-    length = package_vector(buffer, AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     integrate_package(buffer, deck, index, duration)
     width = deck_width(buffer, deck)
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
-    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
-    time = column(buffer, AT_COLUMN_TIME, 0)
-    for j in range(int(deck_vector(buffer, deck)[D_ROWS])):
+    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
+    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
+    for j in range(int(state.book(buffer, deck).rows)):
         for i in range(oversize.size):
             oversize[i] += width * shortening * time[j, i]
     length[index] = rest
@@ -445,28 +359,30 @@ def discharge(buffer, deck, index, row, duration, rest):
 @kernel
 def idle(buffer, deck, index, row):
     """Whether nothing can happen inside a package: empty and nothing lands, or all is at rest."""
-    if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_IDLE] == 0.0:
+    if state.switches(buffer).idle_packages == 0.0:
         return False
     if deck > 0:
-        landing = node_vector(buffer, AT_LANDING, row)
+        landing = state.node_vector(buffer, state.AT_LANDING, row)
         for i in range(landing.size):
             if landing[i] != 0.0:
                 return False
     scene = package_scene(buffer, deck, index)
-    if scene[S_PASSAGE_VELOCITY] + scene[S_SEGREGATION_VELOCITY] + scene[S_MIXING] == 0.0:
+    if scene.passage_velocity + scene.segregation_velocity + scene.mixing == 0.0:
         return not conveys(buffer, deck)
-    used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
-    return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) == 0.0
+    used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
+    return (
+        bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used) == 0.0
+    )
 
 
 @kernel
 def shed(buffer, deck, index):
     """Let what is left of a package fall over the deck's end at once."""
-    load = column(buffer, AT_LOAD, slot(buffer, deck, index))
-    length = package_vector(buffer, AT_LENGTH, deck)
+    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     area = deck_width(buffer, deck) * length[index]
-    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
-    for j in range(int(package_vector(buffer, AT_LAYERS_USED, deck)[index])):
+    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
+    for j in range(int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])):
         for i in range(oversize.size):
             oversize[i] += area * load[j, i]
     length[index] = 0.0
@@ -475,14 +391,17 @@ def shed(buffer, deck, index):
 @kernel
 def cross(buffer, deck, index):
     """Move a package to the next panel: its length changes with the velocity, its mass stays."""
-    panel = package_vector(buffer, AT_ON_PANEL, deck)
+    panel = state.package_vector(buffer, state.AT_ON_PANEL, deck)
     before = package_velocity(buffer, deck, index)
     panel[index] += 1.0
     stretch = package_velocity(buffer, deck, index) / before
-    whole = slot(buffer, deck, index)
-    load, reference = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_REFERENCE, whole)
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
-    package_vector(buffer, AT_LENGTH, deck)[index] *= stretch
+    whole = state.slot(buffer, deck, index)
+    load, reference = (
+        state.column(buffer, state.AT_LOAD, whole),
+        state.node_vector(buffer, state.AT_REFERENCE, whole),
+    )
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    state.package_vector(buffer, state.AT_LENGTH, deck)[index] *= stretch
     for i in range(reference.size):
         reference[i] /= stretch
         for j in range(int(used[index])):
@@ -503,14 +422,14 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
         panel = panel_of(buffer, deck, index)
         crosses = False
         if panel + 1 < panel_count(buffer, deck) and conveys(buffer, deck):
-            until = panel_end_time(buffer, AT_SCENE, deck, panel) - middle
+            until = panel_end_time(buffer, state.AT_SCENE, deck, panel) - middle
             crosses = until < left
             step = max(0.0, until) if crosses else left
         if deck > 0:
-            area = width * package_vector(buffer, AT_LENGTH, deck)[index]
+            area = width * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
             land_on(buffer, row, area, time)
         ride(buffer, deck, index, row, step)
-        buffer[N_SOURCE] = 0.0
+        buffer[state.N_SOURCE] = 0.0
         left -= step
         middle += step
         if not crosses:
@@ -521,12 +440,12 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
 @kernel
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
-    length = package_vector(buffer, AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     whole, over = duration, 0.0  # time as a whole on the deck, then while it is discharged
     span = package_span(buffer, deck, index)
     rest = span
     if conveys(buffer, deck):
-        end = residence_time(buffer, AT_SCENE, deck)
+        end = residence_time(buffer, state.AT_SCENE, deck)
         whole = min(duration, max(0.0, end - rear - span))
         if whole < min(duration, MOMENT * span):
             whole = 0.0
@@ -537,7 +456,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
         if rest >= span:
             whole, over = whole + over, 0.0
     if idle(buffer, deck, index, row):
-        vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_PACKAGES_SKIPPED] += 1.0
+        state.counters(buffer).packages_skipped += 1.0
         ride_over(buffer, deck, index, rear + 0.5 * span + whole)
         if rest == 0.0 and over + whole > 0.0 and conveys(buffer, deck):
             shed(buffer, deck, index)
@@ -553,7 +472,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
             area = 0.5 * deck_width(buffer, deck) * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
-        buffer[N_SOURCE] = 0.0
+        buffer[state.N_SOURCE] = 0.0
     elif rest == 0.0 and conveys(buffer, deck):
         shed(buffer, deck, index)
     return length[index]
@@ -565,7 +484,7 @@ def ride_over(buffer, deck, index, middle):
     if conveys(buffer, deck):
         panel = panel_of(buffer, deck, index)
         while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, AT_SCENE, deck, panel) > middle:
+            if panel_end_time(buffer, state.AT_SCENE, deck, panel) > middle:
                 break
             cross(buffer, deck, index)
             panel += 1
@@ -574,17 +493,17 @@ def ride_over(buffer, deck, index, middle):
 @kernel
 def queue_rear(buffer, deck):
     """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
-    book = deck_vector(buffer, deck)
-    if book[D_PILE_OPEN] > 0.0:
-        return riding_time(buffer, AT_SCENE, deck, book[D_PILE_REAR])
-    return book[D_COHORT_FRONT]
+    book = state.book(buffer, deck)
+    if book.pile_open > 0.0:
+        return riding_time(buffer, state.AT_SCENE, deck, book.pile_rear)
+    return book.cohort_front
 
 
 @kernel
 def advance_queue(buffer, deck, duration):
     """Advance all packages of the queue, the one nearest to the discharge first."""
-    book = deck_vector(buffer, deck)
-    count = int(book[D_PACKAGES])
+    book = state.book(buffer, deck)
+    count = book.packages
     # A lower deck's new packages came in at the start of the step, and its cohort is ahead.
     rear = queue_rear(buffer, deck)
     if deck > 0 and conveys(buffer, deck):
@@ -594,8 +513,8 @@ def advance_queue(buffer, deck, duration):
     gone, followed = 0, 0
     for place in range(count):
         index = queue_slot(buffer, deck, place)
-        pile = place == count - 1 and book[D_PILE_OPEN] > 0.0
-        if place >= followed and package_vector(buffer, AT_LEADER, deck)[index] > 0.0:
+        pile = place == count - 1 and book.pile_open > 0.0
+        if place >= followed and state.package_vector(buffer, state.AT_LEADER, deck)[index] > 0.0:
             followed = follow_cohort(buffer, deck, place, rear, duration)
         behind = 0.0
         if place + 1 < count:
@@ -606,15 +525,15 @@ def advance_queue(buffer, deck, duration):
         elif pile:
             feed_pile(buffer, deck, index, duration)
             ride(buffer, deck, index, place, duration)
-            buffer[N_SOURCE] = 0.0
+            buffer[state.N_SOURCE] = 0.0
         elif advance_package(buffer, deck, index, place, rear, duration) <= 0.0 and place == gone:
             gone += 1
         rear -= behind
-    vector(buffer, AT_FALL_COUNT, 4, deck)[0] = count
+    state.vector(buffer, state.AT_FALL_COUNT, 4, deck)[0] = count
     for _ in range(gone):
         leave_queue(buffer, deck, 0)
-    if book[D_PILE_OPEN] > 0.0:
-        book[D_PILE_REAR] += panel_velocity(buffer, AT_SCENE, deck, 0) * duration
+    if book.pile_open > 0.0:
+        book.pile_rear += panel_velocity(buffer, state.AT_SCENE, deck, 0) * duration
 
 
 # --- closed cohorts ------------------------------------------------------------------------------
@@ -626,40 +545,46 @@ def keep_leader(buffer, deck):
     velocity changes, and a part is the mean of this over its ages. Returns what `leader` is to say
     of the parts; 0: each is a package of its own.
     """
-    book = deck_vector(buffer, deck)
-    switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
-    off = switch[W_CLOSED] == 0.0 or switch[W_SHARED] == 0.0
+    book = state.book(buffer, deck)
+    switch = state.switches(buffer)
+    off = switch.closed_cohorts == 0.0 or switch.shared_trajectory == 0.0
     if off or deck > 0 or panel_count(buffer, deck) > 1 or not in_cells(buffer, deck):
         return 0.0
-    if book[D_CELLS] == 0.0 or book[D_COVERED] > 0.0 or free_slots(buffer, deck) < 2:
+    if book.cells == 0.0 or book.covered > 0.0 or free_slots(buffer, deck) < 2:
         return 0.0
     index = new_slot(buffer, deck)
-    whole = slot(buffer, deck, index)
-    load, lead = column(buffer, AT_LOAD, whole), column(buffer, AT_LEAD, deck)
-    reference, fed = (
-        node_vector(buffer, AT_REFERENCE, whole),
-        node_vector(buffer, AT_LEAD_FEED, deck),
+    whole = state.slot(buffer, deck, index)
+    load, lead = (
+        state.column(buffer, state.AT_LOAD, whole),
+        state.column(buffer, state.AT_LEAD, deck),
     )
-    passed, gone = node_vector(buffer, AT_PASSED, whole), node_vector(buffer, AT_LEAD_PASSED, deck)
-    layers = int(book[D_LEAD_LAYERS])
+    reference, fed = (
+        state.node_vector(buffer, state.AT_REFERENCE, whole),
+        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
+    )
+    passed, gone = (
+        state.node_vector(buffer, state.AT_PASSED, whole),
+        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
+    )
+    layers = book.lead_layers
     for i in range(fed.size):
         reference[i], passed[i] = fed[i], gone[i]
         for j in range(layers):
             load[j, i] = lead[j, i]
-    package_vector(buffer, AT_LAYERS_USED, deck)[index] = layers
-    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
-    package_vector(buffer, AT_ENTRY_VELOCITY, deck)[index] = velocity
-    book[D_LEADERS] += 1.0
+    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = layers
+    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
+    state.package_vector(buffer, state.AT_ENTRY_VELOCITY, deck)[index] = velocity
+    book.leaders += 1.0
     return index + 1.0
 
 
 @kernel
 def cohort_end(buffer, deck, place):
     """Place behind the last part of the closed cohort whose first part is at `place`."""
-    leader = package_vector(buffer, AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT_LEADER, deck)
     name = leader[queue_slot(buffer, deck, place)]
     end = place + 1
-    while end < int(deck_vector(buffer, deck)[D_PACKAGES]):
+    while end < int(state.book(buffer, deck).packages):
         if leader[queue_slot(buffer, deck, end)] != name:
             break
         end += 1
@@ -669,25 +594,28 @@ def cohort_end(buffer, deck, place):
 @kernel
 def part_cohort(buffer, deck, place):
     """From now on the parts of the closed cohort at `place` are packages of their own."""
-    leader = package_vector(buffer, AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT_LEADER, deck)
     first = queue_slot(buffer, deck, place)
     index = int(leader[first]) - 1
-    pace = vector(buffer, AT_PACE, 4, slot(buffer, deck, index))
+    pace = state.vector(buffer, state.AT_PACE, 4, state.slot(buffer, deck, index))
     for k in range(place, cohort_end(buffer, deck, place)):
         part = queue_slot(buffer, deck, k)
-        kept = vector(buffer, AT_PACE, 4, slot(buffer, deck, part))
+        kept = state.vector(buffer, state.AT_PACE, 4, state.slot(buffer, deck, part))
         for n in range(pace.size):
             kept[n] = pace[n]
         leader[part] = 0.0
     give_back(buffer, deck, index)
-    deck_vector(buffer, deck)[D_LEADERS] -= 1.0
+    state.book(buffer, deck).leaders -= 1.0
 
 
 @kernel
 def part_cohorts(buffer, deck):
     """Part all closed cohorts of a deck: what comes is not the same for all of each."""
-    for place in range(int(deck_vector(buffer, deck)[D_PACKAGES])):
-        if package_vector(buffer, AT_LEADER, deck)[queue_slot(buffer, deck, place)] > 0.0:
+    for place in range(int(state.book(buffer, deck).packages)):
+        if (
+            state.package_vector(buffer, state.AT_LEADER, deck)[queue_slot(buffer, deck, place)]
+            > 0.0
+        ):
             part_cohort(buffer, deck, place)
 
 
@@ -699,61 +627,61 @@ def follow_cohort(buffer, deck, place, rear, duration):
     least as long as the cohort took to come in; else, and where its front leaves the deck, it is
     parted. Returns the place behind it, or 0.
     """
-    length = package_vector(buffer, AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     first, end = queue_slot(buffer, deck, place), cohort_end(buffer, deck, place)
-    index = int(package_vector(buffer, AT_LEADER, deck)[first]) - 1
-    entry = package_vector(buffer, AT_ENTRY_VELOCITY, deck)[index]
+    index = int(state.package_vector(buffer, state.AT_LEADER, deck)[first]) - 1
+    entry = state.package_vector(buffer, state.AT_ENTRY_VELOCITY, deck)[index]
     span = 0.0
     for k in range(place, end):
         span += length[queue_slot(buffer, deck, k)] / entry
     leaves = False
     if conveys(buffer, deck):
         front = rear + package_span(buffer, deck, first) + duration
-        leaves = front > residence_time(buffer, AT_SCENE, deck)
-    off = vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_CLOSED] == 0.0
+        leaves = front > residence_time(buffer, state.AT_SCENE, deck)
+    off = state.switches(buffer).closed_cohorts == 0.0
     if off or leaves or duration < span * (1.0 - MOMENT):
         part_cohort(buffer, deck, place)
         return 0
-    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
-    slots = vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)
+    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
+    slots = state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)
     start = max(0.0, duration - span)
     age = start
     for part in range(end - place):
         member = queue_slot(buffer, deck, end - 1 - part)
         age += length[member] / entry
         ends[part] = duration if part == end - place - 1 else min(age, duration)
-        slots[part] = slot(buffer, deck, member)
+        slots[part] = state.slot(buffer, deck, member)
         empty_part(buffer, deck, member, part)
     begin_parts(buffer, end - place, start)
     integrate_package(buffer, deck, index, duration)
     begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
-    passed = node_vector(buffer, AT_PASSED, slot(buffer, deck, index))
-    gone = node_vector(buffer, AT_COLUMN_FLUX, 0)
+    passed = state.node_vector(buffer, state.AT_PASSED, state.slot(buffer, deck, index))
+    gone = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
     begin = start
     for part in range(end - place):
-        mean = node_vector(buffer, AT_PART_PASSED, part)
+        mean = state.node_vector(buffer, state.AT_PART_PASSED, part)
         scale = 1.0 / (ends[part] - begin) if ends[part] > begin else 0.0
         for i in range(passed.size):
             mean[i] = passed[i] + scale * mean[i]
         begin = ends[part]
     for i in range(passed.size):
         passed[i] += gone[i]
-    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_FOLLOWED] += 1.0
+    state.counters(buffer).cohorts_followed += 1.0
     return end
 
 
 @kernel
 def empty_part(buffer, deck, index, part):
     """Make a part of a cohort ready to take the mean over its new ages; what it held is kept."""
-    load = column(buffer, AT_LOAD, slot(buffer, deck, index))
+    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
     before, passed = (
-        node_vector(buffer, AT_PART_BEFORE, part),
-        node_vector(buffer, AT_PART_PASSED, part),
+        state.node_vector(buffer, state.AT_PART_BEFORE, part),
+        state.node_vector(buffer, state.AT_PART_PASSED, part),
     )
     for i in range(before.size):
         before[i], passed[i] = 0.0, 0.0
-    for j in range(int(package_vector(buffer, AT_LAYERS_USED, deck)[index])):
+    for j in range(int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])):
         for i in range(before.size):
             before[i] += load[j, i]
             load[j, i] = 0.0
@@ -766,16 +694,22 @@ def take_part(buffer, deck, index, row, part):
     That is the growth of the mean of what passed, so what is held is what was, less this: the mean
     loads say only how it lies.
     """
-    whole = slot(buffer, deck, index)
-    load, passed = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_PASSED, whole)
-    before, mean = (
-        node_vector(buffer, AT_PART_BEFORE, part),
-        node_vector(buffer, AT_PART_PASSED, part),
+    whole = state.slot(buffer, deck, index)
+    load, passed = (
+        state.column(buffer, state.AT_LOAD, whole),
+        state.node_vector(buffer, state.AT_PASSED, whole),
     )
-    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
-    rows = int(max(used[index], deck_vector(buffer, deck)[D_ROWS]))
-    held, scale = node_vector(buffer, AT_NODE_WORK, 0), node_vector(buffer, AT_NODE_WORK, 1)
+    before, mean = (
+        state.node_vector(buffer, state.AT_PART_BEFORE, part),
+        state.node_vector(buffer, state.AT_PART_PASSED, part),
+    )
+    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    rows = int(max(used[index], state.book(buffer, deck).rows))
+    held, scale = (
+        state.node_vector(buffer, state.AT_NODE_WORK, 0),
+        state.node_vector(buffer, state.AT_NODE_WORK, 1),
+    )
     for i in range(passed.size):
         held[i] = 0.0
     for j in range(rows):
@@ -794,7 +728,7 @@ def take_part(buffer, deck, index, row, part):
         if scale[i] == 0.0:
             load[0, i] = before[i] - flux[i]
     used[index] = restack(buffer, package_scene(buffer, deck, index), load, rows)
-    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
     pass_through(buffer, deck, row, area, 0.0)
 
 
@@ -802,24 +736,24 @@ def take_part(buffer, deck, index, row, part):
 @kernel
 def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     join_queue(buffer, deck)
     index = new_slot(buffer, deck)
     length = cell_length(buffer, deck, 0)
-    package_vector(buffer, AT_LENGTH, deck)[index] = length
+    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
     join_back(buffer, deck, index)
-    book[D_PILE_OPEN], book[D_PILE_REAR] = 1.0, -length
+    book.pile_open, book.pile_rear = 1.0, -length
 
 
 @kernel
 def feed_pile(buffer, deck, index, duration):
     """Set the feed as a source on top of the pile, kg/(m2 s)."""
-    source = node_vector(buffer, AT_SOURCE, 0)
-    reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, index))
-    area = deck_width(buffer, deck) * package_vector(buffer, AT_LENGTH, deck)[index]
-    rate = deck_vector(buffer, deck)[D_COHORT_FED]
-    fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
-    buffer[N_SOURCE] = 1.0 if rate > 0.0 else 0.0
+    source = state.node_vector(buffer, state.AT_SOURCE, 0)
+    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, index))
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+    rate = state.book(buffer, deck).cohort_fed
+    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
+    buffer[state.N_SOURCE] = 1.0 if rate > 0.0 else 0.0
     for i in range(source.size):
         source[i] = rate * fraction[i] / area
         reference[i] += source[i] * duration
@@ -832,14 +766,17 @@ def start_cohort(buffer, deck, rate):
 
     On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
     """
-    book = deck_vector(buffer, deck)
-    scene = scene_vector(buffer, AT_SCENE, deck, 0)
-    lead, partial = column(buffer, AT_LEAD, deck), column(buffer, AT_PARTIAL, deck)
-    fed = node_vector(buffer, AT_LEAD_FEED, deck)
-    passed = node_vector(buffer, AT_LEAD_PASSED, deck)
-    partial_passed = node_vector(buffer, AT_PARTIAL_PASSED, deck)
-    fraction = node_vector(buffer, AT_FEED_FRACTION, 0)
-    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
+    book = state.book(buffer, deck)
+    scene = state.scene(buffer, state.AT_SCENE, deck, 0)
+    lead, partial = (
+        state.column(buffer, state.AT_LEAD, deck),
+        state.column(buffer, state.AT_PARTIAL, deck),
+    )
+    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
+    passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
+    partial_passed = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
+    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
+    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
     load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
     for j in range(lead.shape[0]):
         for i in range(fed.size):
@@ -849,76 +786,76 @@ def start_cohort(buffer, deck, rate):
         passed[i], partial_passed[i] = 0.0, 0.0
         if deck == 0:
             lead[0, i] = fed[i]
-    book[D_SHARE] = 1.0 if deck == 0 else SHARE_BELOW
-    book[D_COHORT_ON], book[D_COHORT_FED] = 1.0, rate
-    book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0
-    book[D_LEAD_PANEL], book[D_KNOTS], book[D_KNOT] = 0.0, 0.0, 0.0
-    book[D_STEP], book[D_PACE], book[D_WIDE], book[D_PARTIAL_LAYERS] = 0.0, 0.0, 0.0, 1.0
-    book[D_LEAD_LAYERS] = restack(buffer, scene, lead, 1)
+    book.share = 1.0 if deck == 0 else SHARE_BELOW
+    book.cohort_on, book.cohort_fed = 1.0, rate
+    book.cohort_front, book.covered = 0.0, 0.0
+    book.lead_panel, book.knots, book.knot = 0.0, 0.0, 0.0
+    book.step, book.pace, book.wide, book.partial_layers = 0.0, 0.0, 0.0, 1.0
+    book.lead_layers = restack(buffer, scene, lead, 1)
 
 
 @kernel
 def in_cells(buffer, deck):
     """Whether the cohort keeps cells: the top deck's does only while it is fed."""
-    return deck > 0 or deck_vector(buffer, deck)[D_COHORT_FED] > 0.0
+    return deck > 0 or state.book(buffer, deck).cohort_fed > 0.0
 
 
 @kernel
 def join_queue(buffer, deck):
     """The cohort's cells join the queue as packages of their own; the cohort is empty after it."""
-    book = deck_vector(buffer, deck)
-    before = int(book[D_PACKAGES])
+    book = state.book(buffer, deck)
+    before = book.packages
     leading = 0.0
-    if book[D_COHORT_ON] > 0.0 and book[D_COHORT_FRONT] > 0.0:
+    if book.cohort_on > 0.0 and book.cohort_front > 0.0:
         leading = keep_leader(buffer, deck)
         append_piece(buffer, deck)
-    cell = package_vector(buffer, AT_CELL, deck)
-    while book[D_CELLS] > 0.0:
-        book[D_CELLS] -= 1.0
-        join_back(buffer, deck, cell[int(book[D_CELLS])])
-    leader = package_vector(buffer, AT_LEADER, deck)
-    for place in range(before, int(book[D_PACKAGES])):
+    cell = state.package_vector(buffer, state.AT_CELL, deck)
+    while book.cells > 0.0:
+        book.cells -= 1.0
+        join_back(buffer, deck, cell[book.cells])
+    leader = state.package_vector(buffer, state.AT_LEADER, deck)
+    for place in range(before, book.packages):
         leader[queue_slot(buffer, deck, place)] = leading
-    book[D_COHORT_ON], book[D_COHORT_FRONT], book[D_COVERED] = 0.0, 0.0, 0.0
-    if before > 0 and before < int(book[D_PACKAGES]):
+    book.cohort_on, book.cohort_front, book.covered = 0.0, 0.0, 0.0
+    if before > 0 and before < book.packages:
         join_neighbours(buffer, deck, before - 1)
 
 
 @kernel
 def append_piece(buffer, deck):
     """Append the cohort's unfinished cell, or its empty stretch, to the queue."""
-    book = deck_vector(buffer, deck)
-    span = book[D_COHORT_FRONT]
+    book = state.book(buffer, deck)
+    span = book.cohort_front
     panel = 0
     if in_cells(buffer, deck):
-        if book[D_COVERED] > 0.0:
+        if book.covered > 0.0:
             return
-        cells = int(book[D_CELLS])
+        cells = book.cells
         panel = cell_panel(buffer, deck, cells)
         if cells > 0:
-            span -= cell_end(buffer, AT_SCENE, deck, cells - 1)
+            span -= cell_end(buffer, state.AT_SCENE, deck, cells - 1)
     else:
         while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, AT_SCENE, deck, panel) > 0.5 * span:
+            if panel_end_time(buffer, state.AT_SCENE, deck, panel) > 0.5 * span:
                 break
             panel += 1
     if span <= 0.0:
         return
     index = new_slot(buffer, deck)
-    length = span * panel_velocity(buffer, AT_SCENE, deck, panel)
-    package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
+    length = span * panel_velocity(buffer, state.AT_SCENE, deck, panel)
+    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
     if in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
-    package_vector(buffer, AT_LENGTH, deck)[index] = length
+    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
     join_back(buffer, deck, index)
 
 
 @kernel
 def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
-    length = package_vector(buffer, AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
     one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    leader = package_vector(buffer, AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT_LEADER, deck)
     if leader[one] + leader[two] > 0.0:
         return
     if panel_of(buffer, deck, one) != panel_of(buffer, deck, two):
@@ -933,15 +870,15 @@ def join_neighbours(buffer, deck, place):
 @kernel
 def finish_cell(buffer, deck, index, length):
     """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
-    book = deck_vector(buffer, deck)
-    partial = column(buffer, AT_PARTIAL, deck)
-    whole = slot(buffer, deck, index)
-    load = column(buffer, AT_LOAD, whole)
-    fed = node_vector(buffer, AT_LEAD_FEED, deck)
-    reference = node_vector(buffer, AT_REFERENCE, whole)
-    passed = node_vector(buffer, AT_PASSED, whole)
-    collected = node_vector(buffer, AT_PARTIAL_PASSED, deck)
-    layers = int(book[D_PARTIAL_LAYERS])
+    book = state.book(buffer, deck)
+    partial = state.column(buffer, state.AT_PARTIAL, deck)
+    whole = state.slot(buffer, deck, index)
+    load = state.column(buffer, state.AT_LOAD, whole)
+    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
+    reference = state.node_vector(buffer, state.AT_REFERENCE, whole)
+    passed = state.node_vector(buffer, state.AT_PASSED, whole)
+    collected = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
+    layers = book.partial_layers
     for i in range(fed.size):
         reference[i] = fed[i]
         passed[i] = collected[i] / length
@@ -950,9 +887,11 @@ def finish_cell(buffer, deck, index, length):
             load[j, i] = partial[j, i] / length
             partial[j, i] = 0.0
     scene = package_scene(buffer, deck, index)
-    package_vector(buffer, AT_LAYERS_USED, deck)[index] = restack(buffer, scene, load, layers)
-    package_vector(buffer, AT_LENGTH, deck)[index] = length
-    book[D_PARTIAL_LAYERS] = 1.0
+    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = restack(
+        buffer, scene, load, layers
+    )
+    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
+    book.partial_layers = 1.0
 
 
 @kernel
@@ -962,42 +901,48 @@ def advance_lead(buffer, deck, duration):
     lead_passed is what passed of the slice, as areal mass on the first panel [kg/m2]. With it the
     cohort behind the slice passes width x v x lead_passed [kg/s] at any moment.
     """
-    book = deck_vector(buffer, deck)
-    panel = int(book[D_LEAD_PANEL])
-    scene = scene_vector(buffer, AT_SCENE, deck, panel)
-    lead, partial = column(buffer, AT_LEAD, deck), column(buffer, AT_PARTIAL, deck)
-    fed = node_vector(buffer, AT_LEAD_FEED, deck)
-    before_passed = node_vector(buffer, AT_LEAD_PASSED, deck)
-    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
-    time = column(buffer, AT_COLUMN_TIME, 0)
-    undersize = node_vector(buffer, AT_STEP_MASS, deck)
-    fallen, carry = node_vector(buffer, AT_FALL_COHORT, deck), node_vector(buffer, AT_CARRY, deck)
+    book = state.book(buffer, deck)
+    panel = book.lead_panel
+    scene = state.scene(buffer, state.AT_SCENE, deck, panel)
+    lead, partial = (
+        state.column(buffer, state.AT_LEAD, deck),
+        state.column(buffer, state.AT_PARTIAL, deck),
+    )
+    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
+    before_passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
+    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
+    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
+    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
+    fallen, carry = (
+        state.node_vector(buffer, state.AT_FALL_COHORT, deck),
+        state.node_vector(buffer, state.AT_CARRY, deck),
+    )
     velocity, first = (
-        panel_velocity(buffer, AT_SCENE, deck, panel),
-        panel_velocity(buffer, AT_SCENE, deck, 0),
+        panel_velocity(buffer, state.AT_SCENE, deck, panel),
+        panel_velocity(buffer, state.AT_SCENE, deck, 0),
     )
     width = deck_width(buffer, deck)
     on_first = velocity / first if first > 0.0 else 1.0
-    below = deck + 1 < int(buffer[N_DECKS])
+    below = deck + 1 < int(buffer[state.N_DECKS])
     left = duration
     while left > 0.0:
         step = left
-        place = place_after(buffer, AT_SCENE, deck, book[D_COHORT_FRONT] + (duration - left))
+        place = place_after(buffer, state.AT_SCENE, deck, book.cohort_front + (duration - left))
         if deck > 0:
             step = min(left, lead_source(buffer, deck, place, velocity))
-        before = int(book[D_LEAD_LAYERS])
-        buffer[RECORDED] = deck + 1.0 if below else 0.0
-        buffer[RECORDED_FROM] = place
-        if buffer[N_SOURCE] == 0.0 and bed_load(lead, before) == 0.0:
+        before = book.lead_layers
+        buffer[state.RECORDED] = deck + 1.0 if below else 0.0
+        buffer[state.RECORDED_FROM] = place
+        if buffer[state.N_SOURCE] == 0.0 and bed_load(lead, before) == 0.0:
             clear_sums(buffer, before)
-            book[D_ROWS] = before
+            book.rows = before
             if below:
                 record_nothing(buffer, place, place + velocity * step)
         else:
-            book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, before, step)
-        buffer[N_SOURCE], buffer[RECORDED] = 0.0, 0.0
-        rows = int(book[D_ROWS])
+            book.lead_layers = integrate(buffer, scene, book, lead, fed, before, step)
+        buffer[state.N_SOURCE], buffer[state.RECORDED] = 0.0, 0.0
+        rows = book.rows
         for i in range(fed.size):
             mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
             undersize[i] += mass
@@ -1010,7 +955,7 @@ def advance_lead(buffer, deck, duration):
                 taken += width * velocity * time[j, i]
             if deck > 0:
                 carry[i] -= taken
-        book[D_PARTIAL_LAYERS] = max(book[D_PARTIAL_LAYERS], rows)
+        book.partial_layers = max(book.partial_layers, rows)
         left -= step
 
 
@@ -1021,28 +966,28 @@ def cells_ahead(buffer, deck, duration):
     Each becomes a part of its trajectory, also a last one that it does not finish. Returns the time
     it takes, s, and whether the last one is finished.
     """
-    book = deck_vector(buffer, deck)
-    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
-    slots = vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)
-    cell, panel = package_vector(buffer, AT_CELL, deck), int(book[D_LEAD_PANEL])
+    book = state.book(buffer, deck)
+    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
+    slots = state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)
+    cell, panel = state.package_vector(buffer, state.AT_CELL, deck), book.lead_panel
     count, taken, finished = 0, 0.0, True
-    while finished and taken < duration and int(book[D_CELLS]) < cell_count(buffer, deck):
-        done = int(book[D_CELLS])
+    while finished and taken < duration and book.cells < cell_count(buffer, deck):
+        done = book.cells
         if cell_panel(buffer, deck, done) != panel:
             break
-        target = cell_end(buffer, AT_SCENE, deck, done)
-        until = max(0.0, target - book[D_COHORT_FRONT])
-        finished = until <= duration or book[D_COHORT_FRONT] + duration >= target
+        target = cell_end(buffer, state.AT_SCENE, deck, done)
+        until = max(0.0, target - book.cohort_front)
+        finished = until <= duration or book.cohort_front + duration >= target
         taken = max(taken, min(until, duration))
         index = new_slot(buffer, deck)
-        package_vector(buffer, AT_ON_PANEL, deck)[index] = panel
-        passed = node_vector(buffer, AT_PART_PASSED, count)
+        state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
+        passed = state.node_vector(buffer, state.AT_PART_PASSED, count)
         for i in range(passed.size):
             passed[i] = 0.0
-        ends[count], slots[count] = taken, slot(buffer, deck, index)
+        ends[count], slots[count] = taken, state.slot(buffer, deck, index)
         count += 1
         cell[done] = index
-        book[D_CELLS] += 1.0
+        book.cells += 1.0
     begin_parts(buffer, count, 0.0)
     return taken, finished
 
@@ -1053,69 +998,72 @@ def advance_over_cells(buffer, deck, duration):
 
     As `advance_lead`, but within its panel; returns the time it took, s.
     """
-    book = deck_vector(buffer, deck)
-    before = int(book[D_CELLS])
+    book = state.book(buffer, deck)
+    before = book.cells
     taken, finished = cells_ahead(buffer, deck, duration)
-    scene = scene_vector(buffer, AT_SCENE, deck, int(book[D_LEAD_PANEL]))
-    lead, fed = column(buffer, AT_LEAD, deck), node_vector(buffer, AT_LEAD_FEED, deck)
-    if book[D_PACE] == 0.0 and book[D_COHORT_FRONT] == 0.0:
-        book[D_PACE] = book[D_FIRST_PACE]
-    buffer[RECORDED] = 1.0 if deck + 1 < int(buffer[N_DECKS]) else 0.0
-    buffer[RECORDED_FROM] = place_after(buffer, AT_SCENE, deck, book[D_COHORT_FRONT])
-    layers = int(book[D_LEAD_LAYERS])
-    book[D_LEAD_LAYERS] = integrate(buffer, scene, book, lead, fed, layers, taken)
-    buffer[RECORDED] = 0.0
+    scene = state.scene(buffer, state.AT_SCENE, deck, book.lead_panel)
+    lead, fed = (
+        state.column(buffer, state.AT_LEAD, deck),
+        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
+    )
+    if book.pace == 0.0 and book.cohort_front == 0.0:
+        book.pace = book.first_pace
+    buffer[state.RECORDED] = 1.0 if deck + 1 < int(buffer[state.N_DECKS]) else 0.0
+    buffer[state.RECORDED_FROM] = place_after(buffer, state.AT_SCENE, deck, book.cohort_front)
+    layers = book.lead_layers
+    book.lead_layers = integrate(buffer, scene, book, lead, fed, layers, taken)
+    buffer[state.RECORDED] = 0.0
     begin_parts(buffer, 0, 0.0)
-    last = int(book[D_CELLS]) - 1
+    last = book.cells - 1
     begin = 0.0
     for done in range(before, last + 1):
         begin = collect_cell(buffer, deck, done, done - before, begin)
         if done < last:
             end_cell(buffer, deck, done)
     passed, gone = (
-        node_vector(buffer, AT_COLUMN_FLUX, 0),
-        node_vector(buffer, AT_LEAD_PASSED, deck),
+        state.node_vector(buffer, state.AT_COLUMN_FLUX, 0),
+        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
     )
     velocity, first = (
-        panel_velocity(buffer, AT_SCENE, deck, int(book[D_LEAD_PANEL])),
-        panel_velocity(buffer, AT_SCENE, deck, 0),
+        panel_velocity(buffer, state.AT_SCENE, deck, book.lead_panel),
+        panel_velocity(buffer, state.AT_SCENE, deck, 0),
     )
     for i in range(passed.size):
         gone[i] += velocity / first * passed[i]
     if finished:
-        book[D_COHORT_FRONT] = cell_end(buffer, AT_SCENE, deck, last)
+        book.cohort_front = cell_end(buffer, state.AT_SCENE, deck, last)
         end_cell(buffer, deck, last)
     else:
-        book[D_COHORT_FRONT] += taken
-        book[D_CELLS] -= 1.0
+        book.cohort_front += taken
+        book.cells -= 1.0
     return taken
 
 
 @kernel
 def collect_cell(buffer, deck, cell, part, begin):
     """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
-    book = deck_vector(buffer, deck)
-    index = int(package_vector(buffer, AT_CELL, deck)[cell])
-    end = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)[part]
+    book = state.book(buffer, deck)
+    index = int(state.package_vector(buffer, state.AT_CELL, deck)[cell])
+    end = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)[part]
     load, partial = (
-        column(buffer, AT_LOAD, slot(buffer, deck, index)),
-        column(buffer, AT_PARTIAL, deck),
+        state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)),
+        state.column(buffer, state.AT_PARTIAL, deck),
     )
     time, before = (
-        node_vector(buffer, AT_PART_PASSED, part),
-        node_vector(buffer, AT_LEAD_PASSED, deck),
+        state.node_vector(buffer, state.AT_PART_PASSED, part),
+        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
     )
     undersize, fallen = (
-        node_vector(buffer, AT_STEP_MASS, deck),
-        node_vector(buffer, AT_FALL_COHORT, deck),
+        state.node_vector(buffer, state.AT_STEP_MASS, deck),
+        state.node_vector(buffer, state.AT_FALL_COHORT, deck),
     )
-    collected = node_vector(buffer, AT_PARTIAL_PASSED, deck)
+    collected = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
     panel = panel_of(buffer, deck, index)
     velocity, first = (
-        panel_velocity(buffer, AT_SCENE, deck, panel),
-        panel_velocity(buffer, AT_SCENE, deck, 0),
+        panel_velocity(buffer, state.AT_SCENE, deck, panel),
+        panel_velocity(buffer, state.AT_SCENE, deck, 0),
     )
-    rows, width = int(book[D_ROWS]), deck_width(buffer, deck)
+    rows, width = book.rows, deck_width(buffer, deck)
     carry_debts(time, load, rows)
     for i in range(time.size):
         along = first * before[i] * (end - begin) + velocity * time[i]
@@ -1125,63 +1073,71 @@ def collect_cell(buffer, deck, cell, part, begin):
         for j in range(rows):
             partial[j, i] += velocity * load[j, i]
             load[j, i] = 0.0
-    book[D_PARTIAL_LAYERS] = max(book[D_PARTIAL_LAYERS], rows)
+    book.partial_layers = max(book.partial_layers, rows)
     return end
 
 
 @kernel
 def cross_lead(buffer, deck):
     """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
-    book = deck_vector(buffer, deck)
-    panel = int(book[D_LEAD_PANEL])
-    velocity = panel_velocity(buffer, AT_SCENE, deck, panel)
-    stretch = panel_velocity(buffer, AT_SCENE, deck, panel + 1) / velocity
-    lead, fed = column(buffer, AT_LEAD, deck), node_vector(buffer, AT_LEAD_FEED, deck)
-    layers = int(book[D_LEAD_LAYERS])
+    book = state.book(buffer, deck)
+    panel = book.lead_panel
+    velocity = panel_velocity(buffer, state.AT_SCENE, deck, panel)
+    stretch = panel_velocity(buffer, state.AT_SCENE, deck, panel + 1) / velocity
+    lead, fed = (
+        state.column(buffer, state.AT_LEAD, deck),
+        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
+    )
+    layers = book.lead_layers
     for i in range(fed.size):
         fed[i] /= stretch
         for j in range(layers):
             lead[j, i] /= stretch
-    book[D_LEAD_PANEL] = panel + 1.0
-    scene = scene_vector(buffer, AT_SCENE, deck, panel + 1)
-    book[D_LEAD_LAYERS] = restack(buffer, scene, lead, layers)
+    book.lead_panel = panel + 1.0
+    scene = state.scene(buffer, state.AT_SCENE, deck, panel + 1)
+    book.lead_layers = restack(buffer, scene, lead, layers)
 
 
 @kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     if not in_cells(buffer, deck):
         return
     last = panel_count(buffer, deck) - 1
-    passing = deck_width(buffer, deck) * panel_velocity(buffer, AT_SCENE, deck, 0) * duration
-    leaving = deck_width(buffer, deck) * panel_velocity(buffer, AT_SCENE, deck, last) * duration
-    undersize = node_vector(buffer, AT_STEP_MASS, deck)
-    oversize = node_vector(buffer, AT_STEP_MASS, int(buffer[N_DECKS]) + deck)
-    fallen = node_vector(buffer, AT_FALL_COHORT, deck)
-    passed, lead = node_vector(buffer, AT_LEAD_PASSED, deck), column(buffer, AT_LEAD, deck)
-    if buffer[LAYERED] > 0.0 and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
-        book[D_CAPACITY_ALARM] = 1.0
+    passing = deck_width(buffer, deck) * panel_velocity(buffer, state.AT_SCENE, deck, 0) * duration
+    leaving = (
+        deck_width(buffer, deck) * panel_velocity(buffer, state.AT_SCENE, deck, last) * duration
+    )
+    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
+    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
+    fallen = state.node_vector(buffer, state.AT_FALL_COHORT, deck)
+    passed, lead = (
+        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
+        state.column(buffer, state.AT_LEAD, deck),
+    )
+    if buffer[state.LAYERED] > 0.0 and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
+        book.capacity_alarm = 1.0
     for i in range(passed.size):
         undersize[i] += passing * passed[i]
         fallen[i] += passing * passed[i]
-        for j in range(int(book[D_LEAD_LAYERS])):
+        for j in range(book.lead_layers):
             oversize[i] += leaving * lead[j, i]
 
 
 @kernel
 def time_to_cover(buffer, deck):
     """Time until the cohort covers the deck, s."""
-    book = deck_vector(buffer, deck)
-    return residence_time(buffer, AT_SCENE, deck) - book[D_COHORT_FRONT]
+    book = state.book(buffer, deck)
+    return residence_time(buffer, state.AT_SCENE, deck) - book.cohort_front
 
 
 @kernel
 def grow_cohort(buffer, deck, duration):
     """Advance the front of the cohort, cell by cell, until it covers the deck."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     left = duration
-    while left > 0.0 and book[D_COVERED] == 0.0:
+    while left > 0.0 and book.covered == 0.0:
         if not in_cells(buffer, deck):
             left -= grow_empty(buffer, deck, left)
         elif deck == 0:
@@ -1195,34 +1151,34 @@ def grow_cohort(buffer, deck, duration):
 @kernel
 def grow_empty(buffer, deck, duration):
     """Advance the front of a cohort without feed; returns the time it took, s."""
-    book = deck_vector(buffer, deck)
-    target = residence_time(buffer, AT_SCENE, deck)
-    until = max(0.0, target - book[D_COHORT_FRONT])
-    if until > duration and book[D_COHORT_FRONT] + duration < target:
-        book[D_COHORT_FRONT] += duration
+    book = state.book(buffer, deck)
+    target = residence_time(buffer, state.AT_SCENE, deck)
+    until = max(0.0, target - book.cohort_front)
+    if until > duration and book.cohort_front + duration < target:
+        book.cohort_front += duration
         return duration
-    book[D_COHORT_FRONT], book[D_COVERED] = target, 1.0
+    book.cohort_front, book.covered = target, 1.0
     return min(until, duration)
 
 
 @kernel
 def grow_cell(buffer, deck, duration):
     """Advance the front of a lower deck's cohort within a cell; returns the time it took, s."""
-    book = deck_vector(buffer, deck)
-    done = int(book[D_CELLS])
-    target = cell_end(buffer, AT_SCENE, deck, done)
-    until = max(0.0, target - book[D_COHORT_FRONT])
+    book = state.book(buffer, deck)
+    done = book.cells
+    target = cell_end(buffer, state.AT_SCENE, deck, done)
+    until = max(0.0, target - book.cohort_front)
     step = min(duration, until)
     if step > 0.0:
         advance_lead(buffer, deck, step)
-    if until > duration and book[D_COHORT_FRONT] + duration < target:
-        book[D_COHORT_FRONT] += duration
+    if until > duration and book.cohort_front + duration < target:
+        book.cohort_front += duration
         return step
-    book[D_COHORT_FRONT] = target
+    book.cohort_front = target
     index = new_slot(buffer, deck)
-    package_vector(buffer, AT_ON_PANEL, deck)[index] = cell_panel(buffer, deck, done)
-    package_vector(buffer, AT_CELL, deck)[done] = index
-    book[D_CELLS] += 1.0
+    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = cell_panel(buffer, deck, done)
+    state.package_vector(buffer, state.AT_CELL, deck)[done] = index
+    book.cells += 1.0
     end_cell(buffer, deck, done)
     return step
 
@@ -1231,10 +1187,10 @@ def grow_cell(buffer, deck, duration):
 def end_cell(buffer, deck, cell):
     """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
     panel = cell_panel(buffer, deck, cell)
-    index = int(package_vector(buffer, AT_CELL, deck)[cell])
+    index = int(state.package_vector(buffer, state.AT_CELL, deck)[cell])
     finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
     if cell + 1 == cell_count(buffer, deck):
-        deck_vector(buffer, deck)[D_COVERED] = 1.0
+        state.book(buffer, deck).covered = 1.0
     elif cell_panel(buffer, deck, cell + 1) != panel:
         cross_lead(buffer, deck)
 
@@ -1246,22 +1202,22 @@ def advance_top(buffer, duration):
 
     That is less than `duration` where a pile has moved on to the deck.
     """
-    book = deck_vector(buffer, 0)
-    scene = scene_vector(buffer, AT_SCENE, 0, 0)
-    velocity = panel_velocity(buffer, AT_SCENE, 0, 0)
-    rate = book[D_COHORT_FED]
-    deepest = PILE_DEPTH * deck_length(buffer, 0) * scene[S_DENSITY]
-    slow = velocity == 0.0 or residence_time(buffer, AT_SCENE, 0) > PILE_TIME
+    book = state.book(buffer, 0)
+    scene = state.scene(buffer, state.AT_SCENE, 0, 0)
+    velocity = panel_velocity(buffer, state.AT_SCENE, 0, 0)
+    rate = book.cohort_fed
+    deepest = PILE_DEPTH * deck_length(buffer, 0) * scene.density
+    slow = velocity == 0.0 or residence_time(buffer, state.AT_SCENE, 0) > PILE_TIME
     heavy = slow and rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
-    if heavy and book[D_PILE_OPEN] == 0.0:
+    if heavy and book.pile_open == 0.0:
         open_pile(buffer, 0)
-    piling = book[D_PILE_OPEN] > 0.0
+    piling = book.pile_open > 0.0
     step = duration
     if piling and velocity > 0.0:
-        step = min(duration, max(0.0, -book[D_PILE_REAR] / velocity))
+        step = min(duration, max(0.0, -book.pile_rear / velocity))
     advance_queue(buffer, 0, step)
     if piling and velocity > 0.0 and step < duration:
-        book[D_PILE_OPEN], book[D_PILE_REAR] = 0.0, 0.0
+        book.pile_open, book.pile_rear = 0.0, 0.0
     if not piling and velocity > 0.0:
         grow_cohort(buffer, 0, step)
     return step
@@ -1270,19 +1226,21 @@ def advance_top(buffer, duration):
 @kernel
 def extend_tail(buffer, deck, duration):
     """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
-    book = deck_vector(buffer, deck)
-    length = package_vector(buffer, AT_LENGTH, deck)
-    velocity = panel_velocity(buffer, AT_SCENE, deck, 0)
+    book = state.book(buffer, deck)
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
     longest = cell_length(buffer, deck, 0) * JOIN
     fresh = velocity * duration
-    count = int(book[D_PACKAGES])
+    count = book.packages
     if count > 0:
         tail = queue_slot(buffer, deck, count - 1)
         whole = length[tail] + fresh
         if panel_of(buffer, deck, tail) == 0 and whole <= longest:
-            load = column(buffer, AT_LOAD, slot(buffer, deck, tail))
-            reference = node_vector(buffer, AT_REFERENCE, slot(buffer, deck, tail))
-            used = package_vector(buffer, AT_LAYERS_USED, deck)
+            load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, tail))
+            reference = state.node_vector(
+                buffer, state.AT_REFERENCE, state.slot(buffer, deck, tail)
+            )
+            used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
             part = length[tail] / whole
             for i in range(reference.size):
                 reference[i] *= part
@@ -1301,25 +1259,28 @@ def extend_tail(buffer, deck, duration):
 @kernel
 def held_by_node(buffer, deck, held):
     """Add what lies on a deck to `held[node]`, kg; returns its sum over the sizes."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     width = deck_width(buffer, deck)
-    length = package_vector(buffer, AT_LENGTH, deck)
-    used = package_vector(buffer, AT_LAYERS_USED, deck)
-    queue, cell = package_vector(buffer, AT_QUEUE, deck), package_vector(buffer, AT_CELL, deck)
-    packages = int(book[D_PACKAGES])
+    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    queue, cell = (
+        state.package_vector(buffer, state.AT_QUEUE, deck),
+        state.package_vector(buffer, state.AT_CELL, deck),
+    )
+    packages = book.packages
     total = 0.0
-    for place in range(packages + int(book[D_CELLS])):
+    for place in range(packages + book.cells):
         index = int(queue[place]) if place < packages else int(cell[place - packages])
         area = width * length[index]
-        load = column(buffer, AT_LOAD, slot(buffer, deck, index))
+        load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
         total += area * bed_load(load, int(used[index]))
         for j in range(int(used[index])):
             for i in range(held.size):
                 held[i] += area * load[j, i]
-    if book[D_COVERED] == 0.0 and book[D_COHORT_ON] > 0.0:
-        partial = column(buffer, AT_PARTIAL, deck)
-        total += width * bed_load(partial, int(book[D_PARTIAL_LAYERS]))
-        for j in range(int(book[D_PARTIAL_LAYERS])):
+    if book.covered == 0.0 and book.cohort_on > 0.0:
+        partial = state.column(buffer, state.AT_PARTIAL, deck)
+        total += width * bed_load(partial, book.partial_layers)
+        for j in range(book.partial_layers):
             for i in range(held.size):
                 held[i] += width * partial[j, i]
     return total
@@ -1329,36 +1290,39 @@ def held_by_node(buffer, deck, held):
 def package_load(buffer, deck, place):
     """Areal mass of a package of the queue, kg/m2."""
     index = queue_slot(buffer, deck, place)
-    used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
-    return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used)
+    used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
+    return bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used)
 
 
 @kernel
 def depth_at_feed(buffer, deck):
     """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
-    book = deck_vector(buffer, deck)
-    count = int(book[D_PACKAGES])
-    density = scene_vector(buffer, AT_SCENE, deck, 0)[S_DENSITY]
-    if deck == 0 and book[D_PILE_OPEN] == 0.0 and book[D_COHORT_FRONT] > 0.0:
-        load = book[D_COHORT_FED] / deck_width(buffer, deck)
-        return load / (panel_velocity(buffer, AT_SCENE, deck, 0) * density)
-    if book[D_CELLS] > 0.0:
-        index = int(package_vector(buffer, AT_CELL, deck)[0])
-        used = int(package_vector(buffer, AT_LAYERS_USED, deck)[index])
-        return bed_load(column(buffer, AT_LOAD, slot(buffer, deck, index)), used) / density
+    book = state.book(buffer, deck)
+    count = book.packages
+    density = state.scene(buffer, state.AT_SCENE, deck, 0).density
+    if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
+        load = book.cohort_fed / deck_width(buffer, deck)
+        return load / (panel_velocity(buffer, state.AT_SCENE, deck, 0) * density)
+    if book.cells > 0.0:
+        index = int(state.package_vector(buffer, state.AT_CELL, deck)[0])
+        used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
+        return (
+            bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used)
+            / density
+        )
     return package_load(buffer, deck, count - 1) / density if count > 0 else 0.0
 
 
 @kernel
 def depth_at_discharge(buffer, deck):
     """Depth of the bed at the discharge end, m."""
-    book = deck_vector(buffer, deck)
-    density = scene_vector(buffer, AT_SCENE, deck, 0)[S_DENSITY]
-    if book[D_COVERED] > 0.0:
+    book = state.book(buffer, deck)
+    density = state.scene(buffer, state.AT_SCENE, deck, 0).density
+    if book.covered > 0.0:
         if not in_cells(buffer, deck):
             return 0.0
-        return bed_load(column(buffer, AT_LEAD, deck), int(book[D_LEAD_LAYERS])) / density
-    count = int(book[D_PACKAGES])
+        return bed_load(state.column(buffer, state.AT_LEAD, deck), book.lead_layers) / density
+    count = book.packages
     if count == 0:
         return 0.0
     front = queue_rear(buffer, deck)
@@ -1366,7 +1330,7 @@ def depth_at_discharge(buffer, deck):
         front += package_span(buffer, deck, queue_slot(buffer, deck, place))
     end = deck_length(buffer, deck)
     if conveys(buffer, deck):
-        end = residence_time(buffer, AT_SCENE, deck)
+        end = residence_time(buffer, state.AT_SCENE, deck)
     slack = 1e-9 * end
     if panel_count(buffer, deck) > 1:
         # Where panels change their velocities, packages across their ends get longer or shorter.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.language import entry
-from vibroscreen.kernels.layout import ACCEPTED
 from vibroscreen.kernels.steady import (
     follow,
     lay_batch,
@@ -57,4 +57,4 @@ def run(buffer, command, first, second):
         lay_batch(buffer, first, second)
     else:
         follow(buffer, int(second), first)
-    return ACCEPTED
+    return state.ACCEPTED

@@ -9,41 +9,8 @@ Two ways, both conservative:
 
 from __future__ import annotations
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
-    AT_CARRY,
-    AT_FALL,
-    AT_FALL_COHORT,
-    AT_FALL_COUNT,
-    AT_FALL_START,
-    AT_FALL_STOP,
-    AT_KNOT_AFTER,
-    AT_KNOT_BEFORE,
-    AT_KNOT_PASSED,
-    AT_KNOT_PLACE,
-    AT_LANDING,
-    AT_LANDING_START,
-    AT_LANDING_STOP,
-    AT_LEAD_PASSED,
-    AT_NODE_WORK,
-    AT_RECORD,
-    AT_SCENE,
-    AT_SOURCE,
-    D_COHORT_FRONT,
-    D_COVERED,
-    D_KNOT,
-    D_KNOTS,
-    D_LEAD_PANEL,
-    N_DECKS,
-    N_FALLS,
-    N_KNOTS,
-    N_NODES,
-    N_SOURCE,
-    RECORDED,
-    deck_vector,
-    node_vector,
-    vector,
-)
 from vibroscreen.kernels.place import (
     cell_length,
     conveys,
@@ -61,35 +28,38 @@ SAME_PLACE = 1e-12
 @kernel
 def knot_vector(buffer, at, deck, knot):
     """What a field holds of a knot, by node."""
-    return node_vector(buffer, at, deck * int(buffer[N_KNOTS]) + knot)
+    return state.node_vector(buffer, at, deck * int(buffer[state.N_KNOTS]) + knot)
 
 
 @kernel
 def knot_places(buffer, deck):
     """Places of the knots of a deck, m."""
-    return vector(buffer, AT_KNOT_PLACE, int(buffer[N_KNOTS]), deck)
+    return state.vector(buffer, state.AT_KNOT_PLACE, int(buffer[state.N_KNOTS]), deck)
 
 
 @kernel
 def record_knot(buffer, place):
     """Add a knot of the deck that is recorded, from the rows passed and passing of `record`."""
-    deck = int(buffer[RECORDED]) - 1
-    book = deck_vector(buffer, deck)
+    deck = int(buffer[state.RECORDED]) - 1
+    book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
-    count = int(book[D_KNOTS])
+    count = book.knots
     again = count > 0 and place - places[count - 1] <= SAME_PLACE * deck_length(buffer, deck)
-    if not again and count == int(buffer[N_KNOTS]):
+    if not again and count == int(buffer[state.N_KNOTS]):
         thin_knots(buffer, deck)
-        count = int(book[D_KNOTS])
+        count = book.knots
     knot = count - 1 if again else count
     width = deck_width(buffer, deck)
-    first = width * panel_velocity(buffer, AT_SCENE, deck, 0)
-    here = width * panel_velocity(buffer, AT_SCENE, deck, int(book[D_LEAD_PANEL]))
-    before_passed = node_vector(buffer, AT_LEAD_PASSED, deck)
-    passed, passing = node_vector(buffer, AT_RECORD, 0), node_vector(buffer, AT_RECORD, 1)
-    total = knot_vector(buffer, AT_KNOT_PASSED, deck, knot)
-    before = knot_vector(buffer, AT_KNOT_BEFORE, deck, knot)
-    after = knot_vector(buffer, AT_KNOT_AFTER, deck, knot)
+    first = width * panel_velocity(buffer, state.AT_SCENE, deck, 0)
+    here = width * panel_velocity(buffer, state.AT_SCENE, deck, book.lead_panel)
+    before_passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
+    passed, passing = (
+        state.node_vector(buffer, state.AT_RECORD, 0),
+        state.node_vector(buffer, state.AT_RECORD, 1),
+    )
+    total = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot)
+    before = knot_vector(buffer, state.AT_KNOT_BEFORE, deck, knot)
+    after = knot_vector(buffer, state.AT_KNOT_AFTER, deck, knot)
     for i in range(passed.size):
         after[i] = width * passing[i]
         if not again:
@@ -99,13 +69,13 @@ def record_knot(buffer, place):
             total[i] = first * before_passed[i] + here * passed[i]
     if not again:
         places[knot] = place
-        book[D_KNOTS] = count + 1.0
+        book.knots = count + 1.0
 
 
 @kernel
 def record_nothing(buffer, start, stop):
     """Add the knots of a stretch on which nothing passes."""
-    passed = vector(buffer, AT_RECORD, 2 * int(buffer[N_NODES]), 0)
+    passed = state.vector(buffer, state.AT_RECORD, 2 * int(buffer[state.N_NODES]), 0)
     for i in range(passed.size):
         passed[i] = 0.0
     record_knot(buffer, start)
@@ -115,22 +85,22 @@ def record_nothing(buffer, start, stop):
 @kernel
 def thin_knots(buffer, deck):
     """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
-    count = int(book[D_KNOTS])
+    count = book.knots
     kept = 0
     for knot in range(count):
         if knot % 2 == 1 and knot < count - 1:
             continue
         if kept != knot:
             places[kept] = places[knot]
-            for at in (AT_KNOT_PASSED, AT_KNOT_BEFORE, AT_KNOT_AFTER):
+            for at in (state.AT_KNOT_PASSED, state.AT_KNOT_BEFORE, state.AT_KNOT_AFTER):
                 to = knot_vector(buffer, at, deck, kept)
                 come = knot_vector(buffer, at, deck, knot)
                 for i in range(to.size):
                     to[i] = come[i]
         kept += 1
-    book[D_KNOTS] = kept
+    book.knots = kept
 
 
 @kernel
@@ -147,28 +117,28 @@ def lead_source(buffer, deck, place, velocity):
     The coefficients in time of the cubic's derivative, per area of this deck, kg/(m2 s).
     """
     above = deck - 1
-    upper, book = deck_vector(buffer, above), deck_vector(buffer, deck)
+    upper, book = state.book(buffer, above), state.book(buffer, deck)
     places = knot_places(buffer, above)
-    count = int(upper[D_KNOTS])
-    buffer[N_SOURCE] = 0.0
+    count = upper.knots
+    buffer[state.N_SOURCE] = 0.0
     slack = SAME_PLACE * deck_length(buffer, deck)
     if count < 2 or place >= places[count - 1] - slack:
         return 1e300
-    knot = min(int(book[D_KNOT]), count - 2)
+    knot = min(book.knot, count - 2)
     while knot > 0 and places[knot] > place + slack:
         knot -= 1
     while knot + 2 < count and places[knot + 1] <= place + slack:
         knot += 1
-    book[D_KNOT] = knot
+    book.knot = knot
     width = places[knot + 1] - places[knot]
     x, rise = (place - places[knot]) / width, velocity / width
-    start = knot_vector(buffer, AT_KNOT_PASSED, above, knot)
-    stop = knot_vector(buffer, AT_KNOT_PASSED, above, knot + 1)
-    after = knot_vector(buffer, AT_KNOT_AFTER, above, knot)
-    before = knot_vector(buffer, AT_KNOT_BEFORE, above, knot + 1)
+    start = knot_vector(buffer, state.AT_KNOT_PASSED, above, knot)
+    stop = knot_vector(buffer, state.AT_KNOT_PASSED, above, knot + 1)
+    after = knot_vector(buffer, state.AT_KNOT_AFTER, above, knot)
+    before = knot_vector(buffer, state.AT_KNOT_BEFORE, above, knot + 1)
     per_area = 1.0 / deck_width(buffer, deck)
     nodes = start.size
-    source = vector(buffer, AT_SOURCE, 3 * nodes, 0)
+    source = state.vector(buffer, state.AT_SOURCE, 3 * nodes, 0)
     for i in range(nodes):
         total = stop[i] - start[i]
         one, two = end_rates(total, after[i], before[i], width)
@@ -180,16 +150,16 @@ def lead_source(buffer, deck, place, velocity):
         source[nodes + i] = per_area * rise * (linear + 2.0 * x * square)
         source[2 * nodes + i] = per_area * rise * rise * square
         if total > 0.0:
-            buffer[N_SOURCE] = 3.0
+            buffer[state.N_SOURCE] = 3.0
     return max(slack, places[knot + 1] - place) / velocity
 
 
 @kernel
 def passed_up_to(buffer, deck, place, passed):
     """What passes a steady deck up to a place [m], into `passed[node]`, kg/s."""
-    book = deck_vector(buffer, deck)
+    book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
-    count = int(book[D_KNOTS])
+    count = book.knots
     for i in range(passed.size):
         passed[i] = 0.0
     if count == 0:
@@ -197,14 +167,14 @@ def passed_up_to(buffer, deck, place, passed):
     knot = 0
     while knot + 2 < count and places[knot + 1] < place:
         knot += 1
-    start = knot_vector(buffer, AT_KNOT_PASSED, deck, knot)
+    start = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot)
     if count == 1 or place <= places[knot]:
         for i in range(passed.size):
             passed[i] = start[i]
         return
-    stop = knot_vector(buffer, AT_KNOT_PASSED, deck, knot + 1)
-    after = knot_vector(buffer, AT_KNOT_AFTER, deck, knot)
-    before = knot_vector(buffer, AT_KNOT_BEFORE, deck, knot + 1)
+    stop = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot + 1)
+    after = knot_vector(buffer, state.AT_KNOT_AFTER, deck, knot)
+    before = knot_vector(buffer, state.AT_KNOT_BEFORE, deck, knot + 1)
     width = places[knot + 1] - places[knot]
     x = min(1.0, (place - places[knot]) / width)
     for i in range(passed.size):
@@ -219,15 +189,15 @@ def passed_up_to(buffer, deck, place, passed):
 @kernel
 def fall_vector(buffer, deck, row):
     """What fell from a package of a deck, by node, kg."""
-    return node_vector(buffer, AT_FALL, deck * int(buffer[N_FALLS]) + row)
+    return state.node_vector(buffer, state.AT_FALL, deck * int(buffer[state.N_FALLS]) + row)
 
 
 @kernel
 def clear_falls(buffer, deck):
     """Forget what fell from a deck; what falls from now on is steady if the deck is."""
-    count = vector(buffer, AT_FALL_COUNT, 4, deck)
-    count[0], count[1] = 0.0, deck_vector(buffer, deck)[D_COVERED]
-    fallen = node_vector(buffer, AT_FALL_COHORT, deck)
+    count = state.vector(buffer, state.AT_FALL_COUNT, 4, deck)
+    count[0], count[1] = 0.0, state.book(buffer, deck).covered
+    fallen = state.node_vector(buffer, state.AT_FALL_COHORT, deck)
     for i in range(fallen.size):
         fallen[i] = 0.0
 
@@ -235,17 +205,17 @@ def clear_falls(buffer, deck):
 @kernel
 def fell_steadily(buffer, deck):
     """Whether the deck was steady when what fell from it began to fall."""
-    return vector(buffer, AT_FALL_COUNT, 4, deck)[1] == 1.0
+    return state.vector(buffer, state.AT_FALL_COUNT, 4, deck)[1] == 1.0
 
 
 @kernel
 def fall_row(buffer, deck, row, start, stop):
     """Begin to record what falls from a package, from its rear and front (riding times, s)."""
-    if deck + 1 == int(buffer[N_DECKS]):
+    if deck + 1 == int(buffer[state.N_DECKS]):
         return
-    falls = int(buffer[N_FALLS])
-    vector(buffer, AT_FALL_START, falls, deck)[row] = start
-    vector(buffer, AT_FALL_STOP, falls, deck)[row] = stop
+    falls = int(buffer[state.N_FALLS])
+    state.vector(buffer, state.AT_FALL_START, falls, deck)[row] = start
+    state.vector(buffer, state.AT_FALL_STOP, falls, deck)[row] = stop
     fallen = fall_vector(buffer, deck, row)
     for i in range(fallen.size):
         fallen[i] = 0.0
@@ -255,7 +225,7 @@ def fall_row(buffer, deck, row, start, stop):
 def clear_landing(buffer, count):
     """Nothing lands on the packages of a deck."""
     for row in range(count):
-        landing = node_vector(buffer, AT_LANDING, row)
+        landing = state.node_vector(buffer, state.AT_LANDING, row)
         for i in range(landing.size):
             landing[i] = 0.0
 
@@ -268,20 +238,20 @@ def lay_records(buffer, deck, count, share, moment):
     package is under goes to the nearest one.
     """
     above = deck - 1
-    falls = int(buffer[N_FALLS])
+    falls = int(buffer[state.N_FALLS])
     start, stop = (
-        vector(buffer, AT_FALL_START, falls, above),
-        vector(buffer, AT_FALL_STOP, falls, above),
+        state.vector(buffer, state.AT_FALL_START, falls, above),
+        state.vector(buffer, state.AT_FALL_STOP, falls, above),
     )
     here, there = (
-        vector(buffer, AT_LANDING_START, falls, 0),
-        vector(buffer, AT_LANDING_STOP, falls, 0),
+        state.vector(buffer, state.AT_LANDING_START, falls, 0),
+        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
     )
     length = deck_length(buffer, deck)
     ridden = moment if conveys(buffer, above) else 0.0
-    for row in range(int(vector(buffer, AT_FALL_COUNT, 4, above)[0])):
-        low = place_after(buffer, AT_SCENE, above, start[row] + ridden)
-        high = place_after(buffer, AT_SCENE, above, stop[row] + ridden)
+    for row in range(int(state.vector(buffer, state.AT_FALL_COUNT, 4, above)[0])):
+        low = place_after(buffer, state.AT_SCENE, above, start[row] + ridden)
+        high = place_after(buffer, state.AT_SCENE, above, stop[row] + ridden)
         low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
         if high <= low:
             # What a pile before the feed end passes, and what has just left.
@@ -301,11 +271,11 @@ def lay_records(buffer, deck, count, share, moment):
             if overlap > 0.0:
                 part = min(overlap, left)
                 left -= part
-                landing = node_vector(buffer, AT_LANDING, package)
+                landing = state.node_vector(buffer, state.AT_LANDING, package)
                 for i in range(landing.size):
                     landing[i] += part * share * fallen[i]
         if left > 0.0 and nearest >= 0:
-            landing = node_vector(buffer, AT_LANDING, nearest)
+            landing = state.node_vector(buffer, state.AT_LANDING, nearest)
             for i in range(landing.size):
                 landing[i] += left * share * fallen[i]
 
@@ -318,17 +288,23 @@ def lay_cohort(buffer, deck, count, share, moment):
     with its sign, what the deck's own cohort has taken of it.
     """
     above = deck - 1
-    upper = deck_vector(buffer, above)
-    falls = int(buffer[N_FALLS])
+    upper = state.book(buffer, above)
+    falls = int(buffer[state.N_FALLS])
     here, there = (
-        vector(buffer, AT_LANDING_START, falls, 0),
-        vector(buffer, AT_LANDING_STOP, falls, 0),
+        state.vector(buffer, state.AT_LANDING_START, falls, 0),
+        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
     )
-    fallen, carry = node_vector(buffer, AT_FALL_COHORT, above), node_vector(buffer, AT_CARRY, deck)
+    fallen, carry = (
+        state.node_vector(buffer, state.AT_FALL_COHORT, above),
+        state.node_vector(buffer, state.AT_CARRY, deck),
+    )
     nodes = fallen.size
-    due = node_vector(buffer, AT_NODE_WORK, 0)
-    low, high = node_vector(buffer, AT_NODE_WORK, 1), node_vector(buffer, AT_NODE_WORK, 2)
-    whole = node_vector(buffer, AT_NODE_WORK, 3)
+    due = state.node_vector(buffer, state.AT_NODE_WORK, 0)
+    low, high = (
+        state.node_vector(buffer, state.AT_NODE_WORK, 1),
+        state.node_vector(buffer, state.AT_NODE_WORK, 2),
+    )
+    whole = state.node_vector(buffer, state.AT_NODE_WORK, 3)
     last = -1
     for package in range(count):
         if there[package] > here[package]:
@@ -343,8 +319,8 @@ def lay_cohort(buffer, deck, count, share, moment):
         return
     front = deck_length(buffer, above)
     if not fell_steadily(buffer, above):
-        ridden = max(0.0, upper[D_COHORT_FRONT] - moment)
-        front = min(front, place_after(buffer, AT_SCENE, above, ridden))
+        ridden = max(0.0, upper.cohort_front - moment)
+        front = min(front, place_after(buffer, state.AT_SCENE, above, ridden))
     rear = min(front, here[last])
     passed_up_to(buffer, above, rear, low)
     passed_up_to(buffer, above, front, whole)
@@ -353,13 +329,13 @@ def lay_cohort(buffer, deck, count, share, moment):
         if there[package] <= here[package] or here[package] >= front:
             continue
         passed_up_to(buffer, above, min(front, there[package]), high)
-        landing = node_vector(buffer, AT_LANDING, package)
+        landing = state.node_vector(buffer, state.AT_LANDING, package)
         for i in range(nodes):
             rest = whole[i] - low[i]
             part = due[i] * min(1.0, max(0.0, high[i] - low[i]) / rest) if rest > 0.0 else 0.0
             landing[i] += part
             due[i] -= part
             low[i] = max(low[i], high[i])
-    landing = node_vector(buffer, AT_LANDING, last)
+    landing = state.node_vector(buffer, state.AT_LANDING, last)
     for i in range(nodes):
         landing[i] += due[i]

@@ -2,6 +2,8 @@
 
     kernel(function)             a function that other kernels call
     entry(signature)(function)   a kernel that Python and C call: it runs in the engine library
+    record(buffer, place, kind)  numbers that lie side by side in a buffer, read and written by name
+    numbers(row)                 the same as a row of numbers
 
 Kernels are plain Python until the engine is compiled (compiler.py): nothing here needs a compiler.
 What stands below is the plain meaning of what the compiler makes by itself.
@@ -9,7 +11,7 @@ What stands below is the plain meaning of what the compiler makes by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,8 @@ KINDS = ("vector", "matrix", "int64", "float64")
 RETURNED = ("void", "int64", "float64")
 # How kernels call a sub-model of one's own, by family.
 SUB_MODELS = {
-    "passage": ("vector", "vector", "vector", "vector"),
-    "segregation": ("vector", "matrix", "int64", "vector", "vector", "matrix"),
+    "passage": ("vector", "vector", "scene", "vector"),
+    "segregation": ("vector", "matrix", "int64", "scene", "vector", "matrix"),
     "displacement": ("matrix", "vector", "vector", "vector"),
 }
 
@@ -73,7 +75,57 @@ def entry(signature: str) -> Callable[[Callable[..., Any]], Entry]:
     return make
 
 
+# --- records -------------------------------------------------------------------------------------
+class Record(tuple[str, ...]):
+    """Names of numbers that lie side by side in a buffer; those in `whole` are whole numbers."""
+
+    whole: frozenset[str]
+    place: dict[str, int]
+
+    def __new__(cls, *names: str, whole: Iterable[str] = ()) -> Record:
+        made = super().__new__(cls, names)
+        made.whole = frozenset(whole)
+        made.place = {name: k for k, name in enumerate(names)}
+        assert made.whole <= made.place.keys(), f"{sorted(made.whole)} are not all in {names}"
+        return made
+
+    def __repr__(self) -> str:
+        return f"Record({', '.join(self)}; whole: {', '.join(sorted(self.whole))})"
+
+    @property
+    def dtype(self) -> np.dtype:
+        """What numpy calls it: a structure of doubles."""
+        return np.dtype([(name, float) for name in self])
+
+
+class Row:
+    """The numbers of a record at a place of a buffer, as plain Python reads and writes them."""
+
+    __slots__ = ("_buffer", "_kind", "_place")
+
+    def __init__(self, buffer: Any, place: int, kind: Record) -> None:
+        for name, value in (("_buffer", buffer), ("_place", place), ("_kind", kind)):
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        value = self._buffer[self._place + self._kind.place[name]]
+        return int(value) if name in self._kind.whole else value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._buffer[self._place + self._kind.place[name]] = value
+
+
 # --- what the compiler makes by itself, in plain Python ------------------------------------------
+def record(buffer, place, kind):
+    """The numbers of a record that begin at a place of the flat buffer; no copy."""
+    return Row(buffer, int(place), kind)
+
+
+def numbers(row):
+    """The numbers of a record as a row; no copy."""
+    return row._buffer[row._place : row._place + len(row._kind)]
+
+
 def view1(buffer, offset, size):
     """View of `size` numbers of the flat buffer from `offset` on; no copy, no allocation."""
     return buffer[offset : offset + size]

@@ -11,16 +11,33 @@ from typing import Any, ClassVar
 
 from llvmlite import ir
 from numba import types
+from numba.core.imputils import lower_constant
 from numba.core.registry import cpu_target
-from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_getattr, models, register_model
+from numba.core.typing.templates import (
+    AbstractTemplate,
+    AttributeTemplate,
+    ConcreteTemplate,
+    infer_getattr,
+    infer_global,
+    signature,
+)
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    lower_getattr,
+    lower_getattr_generic,
+    lower_setattr_generic,
+    models,
+    register_model,
+    typeof_impl,
+)
 
-from vibroscreen.kernels import fours, language
+from vibroscreen.kernels import fours, language, state
 
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
-TYPES = {"vector": VECTOR, "matrix": MATRIX, "int64": types.int64, "float64": types.float64}
-TYPES["void"] = types.void
+TYPES: dict[str, types.Type] = {"vector": VECTOR, "matrix": MATRIX, "void": types.void}
+TYPES |= {"int64": types.int64, "float64": types.float64}
 
 made: list[tuple[Callable[..., Any], Any]] = []
 
@@ -115,6 +132,103 @@ for _kind, _index in ((VECTOR, types.int64), (MATRIX, types.UniTuple(types.int64
     lower_getattr(_kind, "shape")(
         lambda _context, builder, _kind, array: builder.extract_value(array, _SHAPE)
     )
+
+
+# --- records -------------------------------------------------------------------------------------
+class KindType(types.Type):
+    """Type of a record's names, which hold no value."""
+
+    def __init__(self, record: language.Record) -> None:
+        self.record = record
+        super().__init__(name=f"kind {record!r}")
+
+
+class RowType(types.Type):
+    """Type of the numbers of a record: where the first one lies."""
+
+    def __init__(self, record: language.Record) -> None:
+        self.record = record
+        super().__init__(name=f"row {record!r}")
+
+
+register_model(KindType)(models.OpaqueModel)
+
+
+@register_model(RowType)
+class _RowModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, ir.DoubleType().as_pointer())
+
+
+@typeof_impl.register(language.Record)
+def _kind_of(record: language.Record, _context: Any) -> KindType:
+    return KindType(record)
+
+
+@lower_constant(KindType)
+def _no_value(context: Any, _builder: Any, _kind: Any, _value: Any) -> Any:
+    return context.get_dummy_value()
+
+
+@infer_getattr
+class _NamesOfRow(AttributeTemplate):
+    key = RowType
+
+    def generic_resolve(self, row: RowType, name: str) -> Any:
+        if name not in row.record.place:
+            return None
+        return types.int64 if name in row.record.whole else types.float64
+
+
+def _number_of_row(builder: Any, kind: RowType, row: Any, name: str) -> Any:
+    return builder.gep(row, [_I64(kind.record.place[name])])
+
+
+@lower_getattr_generic(RowType)
+def _get_number(_context: Any, builder: Any, kind: RowType, row: Any, name: str) -> Any:
+    number = builder.load(_number_of_row(builder, kind, row, name))
+    return builder.fptosi(number, _I64) if name in kind.record.whole else number
+
+
+@lower_setattr_generic(RowType)
+def _set_number(context: Any, builder: Any, form: Any, arguments: Any, name: str) -> None:
+    row, value = arguments
+    number = context.cast(builder, value, form.args[1], types.float64)
+    builder.store(number, _number_of_row(builder, form.args[0], row, name))
+
+
+@becomes(language.record)
+def _record(_context, buffer, place, kind):
+    def generate(_context, builder, _form, arguments):
+        return builder.gep(builder.extract_value(arguments[0], _DATA), [arguments[1]])
+
+    return RowType(kind.record)(buffer, types.intp, kind), generate
+
+
+@becomes(language.numbers)
+def _numbers(_context, row):
+    def generate(context, builder, form, arguments):
+        buffer = ir.Constant(context.get_value_type(VECTOR), None)
+        buffer = builder.insert_value(buffer, arguments[0], _DATA)
+        size = _I64(len(row.record))
+        return _view(context, builder, form, (buffer, _I64(0), size))
+
+    return VECTOR(row), generate
+
+
+@infer_global(len)
+class _LengthOfKind(AbstractTemplate):
+    def generic(self, arguments: Any, _named: Any) -> Any:
+        is_kind = len(arguments) == 1 and isinstance(arguments[0], KindType)
+        return signature(types.intp, *arguments) if is_kind else None
+
+
+@lower_builtin(len, KindType)
+def _length(_context: Any, _builder: Any, form: Any, _arguments: Any) -> Any:
+    return _I64(len(form.args[0].record))
+
+
+TYPES["scene"] = RowType(state.SCENE)
 
 
 # --- views and bits ------------------------------------------------------------------------------

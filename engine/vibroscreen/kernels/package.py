@@ -9,71 +9,10 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.elementary import raised
 from vibroscreen.kernels.landing import record_knot
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
-    AT_COLUMN_FLUX,
-    AT_COLUMN_TIME,
-    AT_COMPACT,
-    AT_COUNTER,
-    AT_LOAD,
-    AT_NODE_WORK,
-    AT_PARAMETER,
-    AT_PART_END,
-    AT_PART_PASSED,
-    AT_PART_SLOT,
-    AT_PLACE,
-    AT_RECORD,
-    AT_SHARE,
-    AT_STAGE,
-    AT_SWITCH,
-    AT_TRIAL,
-    C_CHAIN_STEPS,
-    C_COLUMN_FORCED,
-    C_COLUMN_REJECTED,
-    C_COLUMN_STEPS,
-    C_LANDINGS,
-    C_PAIR_STEPS,
-    C_STABILISED_STEPS,
-    C_SUB_STEPS,
-    COUNTER,
-    D_CAPACITY_ALARM,
-    D_FIRST_PACE,
-    D_ORDER,
-    D_PACE,
-    D_ROWS,
-    D_SHARE,
-    D_STEP,
-    D_WIDE,
-    LAYERED,
-    MAX_ORDER,
-    N_ACTIVE,
-    N_NODES,
-    N_PACKAGES,
-    N_PARTS,
-    N_SOURCE,
-    PARAMETER,
-    PART,
-    PARTS_FROM,
-    RECORDED,
-    RECORDED_FROM,
-    S_CONTACT_LOAD,
-    S_DENSITY,
-    S_HORIZON,
-    S_LAYER_FULL,
-    S_LAYER_LOAD,
-    S_PASSAGE_VELOCITY,
-    S_TRANSPORT_VELOCITY,
-    SEGREGATION_MODEL,
-    SEGREGATION_PROPORTION,
-    SWITCH,
-    TOLERANCE,
-    W_EXPLICIT,
-    column,
-    node_vector,
-    vector,
-)
 from vibroscreen.kernels.rates import (
     INTEGRAL,
     K1,
@@ -183,63 +122,77 @@ SAFETY, SAFETY_WIDE = 0.93, 0.85
 @kernel
 def begin_parts(buffer, count, start):
     """Want the means over `count` parts of a trajectory, the first of which begins at `start` s."""
-    buffer[N_PARTS], buffer[PART], buffer[PARTS_FROM] = count, 0.0, start
+    buffer[state.N_PARTS], buffer[state.PART], buffer[state.PARTS_FROM] = count, 0.0, start
 
 
 @kernel
 def time_in_part(buffer, moment, left):
     """Time until the part at hand begins or ends, at most what is left, s."""
-    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
-    until = ends[int(buffer[PART])] - moment
-    if moment < buffer[PARTS_FROM]:
-        until = buffer[PARTS_FROM] - moment
+    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
+    until = ends[int(buffer[state.PART])] - moment
+    if moment < buffer[state.PARTS_FROM]:
+        until = buffer[state.PARTS_FROM] - moment
     return min(left, until) if until > 0.0 else left
 
 
 @kernel
 def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
     """Add the first `taken` s of an explicit step of h, not yet taken, to the parts it meets."""
-    ends = vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)
-    begin = buffer[PARTS_FROM] if buffer[PART] == 0.0 else ends[int(buffer[PART]) - 1]
-    while buffer[PART] < buffer[N_PARTS] and begin < moment + taken:
-        end = ends[int(buffer[PART])]
+    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
+    begin = (
+        buffer[state.PARTS_FROM] if buffer[state.PART] == 0.0 else ends[int(buffer[state.PART]) - 1]
+    )
+    while buffer[state.PART] < buffer[state.N_PARTS] and begin < moment + taken:
+        end = ends[int(buffer[state.PART])]
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
             integral_in_step(buffer, layers, h, a, b, scheme)
-            held = block_load(buffer, AT_TRIAL, OF_PART)
+            held = block_load(buffer, state.AT_TRIAL, OF_PART)
             if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
-                carry_debts(block_passed(buffer, AT_TRIAL, OF_PART), held, layers)
+                carry_debts(block_passed(buffer, state.AT_TRIAL, OF_PART), held, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return
         begin = end
-        buffer[PART] += 1.0
+        buffer[state.PART] += 1.0
 
 
 @kernel
 def add_integral_to_part(buffer, rows, h, moment):
     """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
-    if moment < buffer[PARTS_FROM]:
+    if moment < buffer[state.PARTS_FROM]:
         return
-    before, total = block(buffer, AT_STAGE, K2), block(buffer, AT_STAGE, INTEGRAL)
-    out = block(buffer, AT_TRIAL, OF_PART)
-    for i in range((rows + 1) * int(buffer[N_ACTIVE])):
+    before, total = block(buffer, state.AT_STAGE, K2), block(buffer, state.AT_STAGE, INTEGRAL)
+    out = block(buffer, state.AT_TRIAL, OF_PART)
+    for i in range((rows + 1) * int(buffer[state.N_ACTIVE])):
         out[i] = total[i] - before[i]
     give_to_part(buffer, rows, h)
-    part = int(buffer[PART])
-    if moment + h >= vector(buffer, AT_PART_END, int(buffer[N_PACKAGES]), 0)[part]:
-        buffer[PART] += 1.0
+    part = int(buffer[state.PART])
+    if (
+        moment + h
+        >= state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)[part]
+    ):
+        buffer[state.PART] += 1.0
 
 
 @kernel
 def give_to_part(buffer, rows, duration):
     """Add block OF_PART, the integral over `duration` s, to the part at hand."""
-    part, nodes = int(buffer[PART]), int(buffer[N_NODES])
-    whole = int(vector(buffer, AT_PART_SLOT, int(buffer[N_PACKAGES]), 0)[part])
-    load, passed = column(buffer, AT_LOAD, whole), node_vector(buffer, AT_PART_PASSED, part)
-    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
-    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    gone, held = block_passed(buffer, AT_TRIAL, OF_PART), block_load(buffer, AT_TRIAL, OF_PART)
+    part, nodes = int(buffer[state.PART]), int(buffer[state.N_NODES])
+    whole = int(state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)[part])
+    load, passed = (
+        state.column(buffer, state.AT_LOAD, whole),
+        state.node_vector(buffer, state.AT_PART_PASSED, part),
+    )
+    place, share = (
+        state.node_vector(buffer, state.AT_PLACE, 0),
+        state.node_vector(buffer, state.AT_SHARE, 0),
+    )
+    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    gone, held = (
+        block_passed(buffer, state.AT_TRIAL, OF_PART),
+        block_load(buffer, state.AT_TRIAL, OF_PART),
+    )
     straight = places_kept(place)
     for i in range(straight):
         passed[i] += duration * flux[i] + share[i] * gone[i]
@@ -264,15 +217,15 @@ def allowance(buffer, scene, book, h):
 
     A deck below has a smaller share of the tolerance, as the errors of all above it add to its own.
     """
-    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE] * book[D_SHARE]
-    horizon = scene[S_HORIZON]
+    tolerance = state.parameters(buffer).tolerance * book.share
+    horizon = scene.horizon
     return tolerance * (max(LEAST_SHARE, h / horizon) if horizon > 0.0 else LEAST_SHARE)
 
 
 @kernel
 def first_step(scene, duration):
     """A first implicit step: the time in which the screen could take the contact layer once, s."""
-    pace = scene[S_PASSAGE_VELOCITY] * scene[S_DENSITY] / scene[S_CONTACT_LOAD]
+    pace = scene.passage_velocity * scene.density / scene.contact_load
     return min(duration, 0.25 / pace) if pace > 0.0 else duration
 
 
@@ -289,7 +242,7 @@ def time_to_pass(mass, rate, slope):
 def miss_of(buffer, layers, growth):
     """Part of a full layer by which a step may miss the moment of a kink."""
     if layers > 1 and growth < 0.0:
-        return max(LANDING, MISS * vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE])
+        return max(LANDING, MISS * state.parameters(buffer).tolerance)
     return LANDING
 
 
@@ -301,16 +254,16 @@ def mass_to_kink(buffer, scene, load, layers, growth):
     """
     mass = layer_mass(load, layers - 1)
     if layers > 1:
-        full = scene[S_LAYER_FULL]
+        full = scene.layer_full
         distance = mass if growth < 0.0 else full - mass
     else:
-        full = scene[S_CONTACT_LOAD]
+        full = scene.contact_load
         distance = mass - full if growth < 0.0 else full - mass
     return distance if distance > miss_of(buffer, layers, growth) * full else 0.0
 
 
 @kernel
-def misplaced(buffer, scene, layers, state, rate, over):
+def misplaced(buffer, scene, layers, now, rate, over):
     """What a step puts into a wrong layer that draws `over` kg/m2 too much from the top one.
 
     As `worst_error` counts what lies one layer too low. The layer below, full in that step, is the
@@ -318,11 +271,14 @@ def misplaced(buffer, scene, layers, state, rate, over):
     refilled. Both grow with what is drawn too much, so their integral does with its square. The
     same for every layer that runs out, down to the contact layer, which may not.
     """
-    load, change = block_load(buffer, AT_STAGE, state), block_load(buffer, AT_STAGE, rate)
-    share = block_share(buffer, AT_STAGE, state, layers)
-    weight = active_vector(buffer, AT_COMPACT, 1)
-    error, flux = active_vector(buffer, AT_NODE_WORK, 1), active_vector(buffer, AT_NODE_WORK, 2)
-    full = scene[S_LAYER_FULL]
+    load, change = block_load(buffer, state.AT_STAGE, now), block_load(buffer, state.AT_STAGE, rate)
+    share = block_share(buffer, state.AT_STAGE, now, layers)
+    weight = active_vector(buffer, state.AT_COMPACT, 1)
+    error, flux = (
+        active_vector(buffer, state.AT_NODE_WORK, 1),
+        active_vector(buffer, state.AT_NODE_WORK, 2),
+    )
+    full = scene.layer_full
     row = layers - 1
     lost = -layer_mass(change, row)
     settling = lost / full
@@ -345,7 +301,7 @@ def over_allowed(buffer, scene, book, layers, h, growth):
     """What a step of h may draw from the top layer beyond what it holds, kg/m2; 0: not worth it."""
     allowed = OVER_MARGIN * allowance(buffer, scene, book, h)
     drawn = -growth * h
-    over = min(drawn, (layers - 2) * scene[S_LAYER_FULL])
+    over = min(drawn, (layers - 2) * scene.layer_full)
     while over > WORTH * drawn:
         error = misplaced(buffer, scene, layers, NOW, K1, over)
         if error <= allowed:
@@ -357,16 +313,16 @@ def over_allowed(buffer, scene, book, layers, h, growth):
 @kernel
 def settle_top(buffer, scene, layers, growth):
     """Close a top layer that has run out, open one above a full one; returns the layers."""
-    load = block_load(buffer, AT_STAGE, NOW)
+    load = block_load(buffer, state.AT_STAGE, NOW)
     nodes = load.shape[1]
-    full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
+    full = scene.layer_full if layers > 1 else scene.contact_load
     mass = layer_mass(load, layers - 1)
     if layers > 1 and growth < 0.0 and mass <= miss_of(buffer, layers, growth) * full:
         for i in range(nodes):
             load[layers - 2, i] += load[layers - 1, i]
             load[layers - 1, i] = 0.0
         return layers - 1
-    open_next = buffer[LAYERED] > 0.0 and growth > 0.0 and layers < load.shape[0]
+    open_next = buffer[state.LAYERED] > 0.0 and growth > 0.0 and layers < load.shape[0]
     if open_next and mass >= (1.0 - LANDING) * full:
         for i in range(nodes):
             load[layers, i] = 0.0
@@ -377,17 +333,17 @@ def settle_top(buffer, scene, layers, growth):
 @kernel
 def top_growth(buffer, layers):
     """What the top layer gains, kg/(m2 s), by the rates in K1."""
-    return layer_mass(block_load(buffer, AT_STAGE, K1), layers - 1)
+    return layer_mass(block_load(buffer, state.AT_STAGE, K1), layers - 1)
 
 
 @kernel
 def clear_sums(buffer, rows):
     """Zero the sums of `integrate` in `rows` layers."""
     for row in range(2):
-        flux = node_vector(buffer, AT_COLUMN_FLUX, row)
+        flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, row)
         for i in range(flux.size):
             flux[i] = 0.0
-    total_time = column(buffer, AT_COLUMN_TIME, 0)
+    total_time = state.column(buffer, state.AT_COLUMN_TIME, 0)
     for j in range(rows):
         for i in range(total_time.shape[1]):
             total_time[j, i] = 0.0
@@ -404,24 +360,24 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
-    clear_sums(buffer, layers if buffer[N_SOURCE] == 0.0 else load.shape[0])
+    clear_sums(buffer, layers if buffer[state.N_SOURCE] == 0.0 else load.shape[0])
     used = layers
-    explicit = vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_EXPLICIT] > 0.0
-    shortest = SHORTEST * max(duration, scene[S_HORIZON])
+    explicit = state.switches(buffer).explicit > 0.0
+    shortest = SHORTEST * max(duration, scene.horizon)
     left = duration
     while left > 0.0:
         gather(buffer, scene, load, reference, layers)
-        layers_for(buffer, scene, bed_load(block_load(buffer, AT_STAGE, NOW), layers))
+        layers_for(buffer, scene, bed_load(block_load(buffer, state.AT_STAGE, NOW), layers))
         before, rows = left, layers
         layers, left = advance_block(
             buffer, scene, book, layers, duration, left, shortest, explicit
         )
         close_sizes(buffer, load, rows, layers, duration - before, before - left)
-        rows = max(rows, int(book[D_ROWS]))
+        rows = max(rows, book.rows)
         used = max(used, rows)
         pay_integral(buffer, rows)
         scatter(buffer, load, layers, rows, before - left)
-    book[D_ROWS] = used
+    book.rows = used
     return layers
 
 
@@ -432,8 +388,8 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
     With a linear reconstruction all steps are explicit, but where the bed is deeper than its
     layers: there the implicit scheme has every layer mixed evenly.
     """
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
-    load = block_load(buffer, AT_STAGE, NOW)
+    counter = state.counters(buffer)
+    load = block_load(buffer, state.AT_STAGE, NOW)
     most = layers
     linear = reconstructed(buffer)
     fresh = False  # whether K1 holds the rates at NOW
@@ -444,7 +400,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         moment = duration - left
         if not fresh:
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, moment)
+            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, moment)
         for attempt in range(2):
             settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
             if settled == layers or (attempt == 1 and settled > layers):
@@ -452,9 +408,9 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             layers = settled
             most = max(most, layers)
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, moment)
+            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, moment)
             before, h = 0.0, 0.0
-        if buffer[RECORDED] > 0.0:
+        if buffer[state.RECORDED] > 0.0:
             note_passage(buffer, scene, moment)
         growth = top_growth(buffer, layers)
         slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
@@ -462,18 +418,18 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
         fastest = fastest_rate(buffer, scene, layers)
         # A full bed that only round-off makes grow is not deep.
-        least = LANDING * scene[S_LAYER_FULL] / left
-        deep = scene[S_LAYER_FULL] > scene[S_LAYER_LOAD] or (
-            layers == load.shape[0] and buffer[LAYERED] > 0.0 and growth > least
+        least = LANDING * scene.layer_full / left
+        deep = scene.layer_full > scene.layer_load or (
+            layers == load.shape[0] and buffer[state.LAYERED] > 0.0 and growth > least
         )
         stiff = not explicit or fastest * left >= STIFF
         if not deep and (linear or not stiff):
             h, scheme, landed = explicit_length(
                 buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
             )
-            counter[C_COLUMN_STEPS] += 1
+            counter.column_steps += 1
             before = growth
-            if buffer[PART] < buffer[N_PARTS]:
+            if buffer[state.PART] < buffer[state.N_PARTS]:
                 add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
             ended = landed == 1.0  # with its last rates at its end
             if landed < 1.0:
@@ -488,7 +444,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
                 before = 0.0
             if not paid:
                 past = layer_mass(load, layers - 1) < 0.0
-                carry_debts(block_passed(buffer, AT_STAGE, NOW), load, layers)
+                carry_debts(block_passed(buffer, state.AT_STAGE, NOW), load, layers)
                 if linear or past:  # faces have debts in any layer: fill those that paid
                     layers = restack(buffer, scene, load, layers)
                     most = max(most, layers)
@@ -497,44 +453,47 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             keep_top_share(buffer, layers)
         else:
             until = left
-            if buffer[PART] < buffer[N_PARTS]:
+            if buffer[state.PART] < buffer[state.N_PARTS]:
                 until = time_in_part(buffer, moment, left)
-                before_sum, sums = block(buffer, AT_STAGE, K2), block(buffer, AT_STAGE, INTEGRAL)
+                before_sum, sums = (
+                    block(buffer, state.AT_STAGE, K2),
+                    block(buffer, state.AT_STAGE, INTEGRAL),
+                )
                 for i in range(sums.size):
                     before_sum[i] = sums[i]
             h = implicit_length(buffer, scene, book, layers, until, kink, moment, shortest)
-            counter[C_COLUMN_STEPS] += 1
-            rows = int(book[D_ROWS])
+            counter.column_steps += 1
+            rows = book.rows
             layers = take_implicit(buffer, scene, rows, h)
-            if buffer[PART] < buffer[N_PARTS]:
+            if buffer[state.PART] < buffer[state.N_PARTS]:
                 add_integral_to_part(buffer, rows, h, moment)
             most = max(most, rows)
-            if scene[S_LAYER_FULL] > scene[S_LAYER_LOAD]:
-                book[D_CAPACITY_ALARM] = 1.0
+            if scene.layer_full > scene.layer_load:
+                book.capacity_alarm = 1.0
             fresh = False
         left = 0.0 if h == left else left - h
-    if left <= 0.0 and buffer[RECORDED] > 0.0:
+    if left <= 0.0 and buffer[state.RECORDED] > 0.0:
         if not fresh:
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, AT_STAGE, NOW, layers, AT_STAGE, K1, duration)
+            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, duration)
         note_passage(buffer, scene, duration)
-    book[D_ROWS] = most
+    book.rows = most
     return layers, left
 
 
 @kernel
 def has_kinks(buffer):
     """Whether the rates have a kink at every size or in every layer."""
-    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
-    model = int(parameter[SEGREGATION_MODEL])
-    partly = model == PROPORTIONAL and parameter[SEGREGATION_PROPORTION] > 0.0
+    parameter = state.parameters(buffer)
+    model = parameter.segregation_model
+    partly = model == PROPORTIONAL and parameter.segregation_proportion > 0.0
     return partly or model == CLASSIFIED or reconstructed(buffer)
 
 
 @kernel
 def first_pair(buffer, book):
     """A first step of the pair, as a part of the longest that is stable."""
-    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE] * book[D_SHARE]
+    tolerance = state.parameters(buffer).tolerance * book.share
     return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
 
 
@@ -546,10 +505,10 @@ def choose_scheme(buffer, book, fastest, left):
     the scheme and h [s].
     """
     most = STABLE / fastest if fastest > 0.0 else left
-    pace = book[D_PACE] if book[D_PACE] > 0.0 else first_pair(buffer, book) * most
+    pace = book.pace if book.pace > 0.0 else first_pair(buffer, book) * most
     scheme, h = PAIR, min(pace, most)
     rates = 6
-    wide = book[D_WIDE]
+    wide = book.wide
     if wide > 0.0:
         scale = 1.0 / fastest if fastest > 0.0 else left
         for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
@@ -558,7 +517,7 @@ def choose_scheme(buffer, book, fastest, left):
                 scheme, h, rates = CHAIN, reach, stages
             if reach == wide:
                 break
-    if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[N_SOURCE] < 2.0:
+    if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[state.N_SOURCE] < 2.0:
         reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
         if stages_for(reach * fastest) * h < rates * reach:
             scheme, h = STABILISED, reach
@@ -602,9 +561,12 @@ def explicit_length(
     time until then, s. Returns the length [s], the scheme, and the part of the step that lies
     before a kink; 1: all.
     """
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
-    load, staged = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, STAGED)
-    full = scene[S_LAYER_FULL] if layers > 1 else scene[S_CONTACT_LOAD]
+    counter = state.counters(buffer)
+    load, staged = (
+        block_load(buffer, state.AT_STAGE, NOW),
+        block_load(buffer, state.AT_STAGE, STAGED),
+    )
+    full = scene.layer_full if layers > 1 else scene.contact_load
     mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
     kinks = has_kinks(buffer)
     margin = MARGIN_SORTED if kinks else MARGIN
@@ -620,7 +582,7 @@ def explicit_length(
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
         past = PAST * kink if layers > 1 and growth < 0.0 else kink
         h = min(past, longest_step(scheme, h, fastest), left)
-    landings, first = 0, book[D_WIDE] == 0.0 and buffer[N_PARTS] > 0.0
+    landings, first = 0, book.wide == 0.0 and buffer[state.N_PARTS] > 0.0
     landed = 1.0
     while True:
         allowed = margin[scheme] * allowance(buffer, scene, book, h)
@@ -632,7 +594,7 @@ def explicit_length(
             error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
         else:
             error = pair_step(buffer, scene, layers, h, moment) / allowed
-            if not kinks and buffer[N_SOURCE] == 0.0:
+            if not kinks and buffer[state.N_SOURCE] == 0.0:
                 error *= max(LEAST_HIGHER, HIGHER * h * fastest)
         moved = abs(layer_mass(staged, layers - 1) - mass)
         lands = distance > 0.0 and moved > distance + miss * full and landings < 8
@@ -642,7 +604,7 @@ def explicit_length(
         if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
             part = part_to_kink(buffer, layers, h, scheme, distance if growth > 0.0 else -distance)
-            counter[C_LANDINGS] += 1
+            counter.landings += 1
             cut = True
             if error > 1.0:
                 h *= max(part, LEAST_LANDING)
@@ -651,19 +613,19 @@ def explicit_length(
             landed = part
         fit = h * min(5.0, max(0.2, step_factor(error, scheme)))
         if error > 1.0 and h > shortest:
-            counter[C_COLUMN_REJECTED] += 1
+            counter.column_steps_rejected += 1
             h = min(fit, 0.9 * h)
             cut = False
             continue
         if error > 1.0:
-            counter[C_COLUMN_FORCED] += 1
+            counter.column_steps_forced += 1
         if scheme == PAIR:
-            book[D_PACE] = max(fit, book[D_PACE]) if cut else fit
+            book.pace = max(fit, book.pace) if cut else fit
             if first:  # of a cohort: the next one begins with it
-                book[D_FIRST_PACE] = fit
+                book.first_pace = fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / (allowed * MARGIN_WIDE)
-            book[D_WIDE] = h * min(MOST_WIDER, step_factor(error, STABILISED))
-            counter[C_PAIR_STEPS] += 1
+            book.wide = h * min(MOST_WIDER, step_factor(error, STABILISED))
+            counter.pair_steps += 1
         elif scheme == CHAIN:
             reach = CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest
             if fit > reach:
@@ -671,22 +633,28 @@ def explicit_length(
                 error = third_order_error(buffer, h, layers) * margin[CHAIN]
                 far = h * step_factor(error / (allowed * margin[STABILISED]), STABILISED)
                 fit = max(reach, min(fit, SHORTER * far))
-            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
-            counter[C_CHAIN_STEPS] += 1
+            book.wide = max(fit, book.wide) if cut else fit
+            counter.chain_steps += 1
         else:
             fit *= SHORTER
-            book[D_WIDE] = max(fit, book[D_WIDE]) if cut else fit
-            counter[C_STABILISED_STEPS] += 1
+            book.wide = max(fit, book.wide) if cut else fit
+            counter.stabilised_steps += 1
         return h, scheme, landed
 
 
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
-    passed, passing = node_vector(buffer, AT_RECORD, 0), node_vector(buffer, AT_RECORD, 1)
-    before = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    now, rate = block_passed(buffer, AT_STAGE, NOW), block_passed(buffer, AT_STAGE, K1)
+    place, share = (
+        state.node_vector(buffer, state.AT_PLACE, 0),
+        state.node_vector(buffer, state.AT_SHARE, 0),
+    )
+    passed, passing = (
+        state.node_vector(buffer, state.AT_RECORD, 0),
+        state.node_vector(buffer, state.AT_RECORD, 1),
+    )
+    before = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    now, rate = block_passed(buffer, state.AT_STAGE, NOW), block_passed(buffer, state.AT_STAGE, K1)
     for i in range(passed.size):
         n = int(place[i])
         passed[i] = before[i]
@@ -694,29 +662,29 @@ def note_passage(buffer, scene, moment):
         if n >= 0:
             passed[i] += share[i] * now[n]
             passing[i] = share[i] * rate[n]
-    record_knot(buffer, buffer[RECORDED_FROM] + moment * scene[S_TRANSPORT_VELOCITY])
+    record_knot(buffer, buffer[state.RECORDED_FROM] + moment * scene.transport_velocity)
 
 
 @kernel
 def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
     """Find the length of an implicit step that meets the tolerance, its trials done; s."""
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
-    if book[D_STEP] <= 0.0:
-        book[D_STEP], book[D_ORDER] = first_step(scene, left), 3
+    counter = state.counters(buffer)
+    if book.step <= 0.0:
+        book.step, book.order = first_step(scene, left), 3
     while True:
-        planned, order = book[D_STEP], book[D_ORDER]
+        planned, order = book.step, book.order
         h = left if planned > 0.99 * left else min(planned, 0.5 * left)
         if shortest < kink < h:
             h = kink
         used = try_implicit(buffer, scene, layers, h, moment, book)
         if used < 0 and h > shortest:
-            counter[C_COLUMN_REJECTED] += 1
+            counter.column_steps_rejected += 1
             continue
         if used < 0:
-            counter[C_COLUMN_FORCED] += 1
-            book[D_STEP] = 4.0 * h
+            counter.column_steps_forced += 1
+            book.step = 4.0 * h
         elif h < planned:
-            book[D_STEP], book[D_ORDER] = max(planned, book[D_STEP]), max(order, book[D_ORDER])
+            book.step, book.order = max(planned, book.step), max(order, book.order)
         return h
 
 
@@ -728,15 +696,15 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     `book`.
     """
     allowed = allowance(buffer, scene, book, h)
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
-    target = int(book[D_ORDER])
-    rows = rows_in_use(buffer, scene, block_load(buffer, AT_STAGE, NOW), layers, h, moment)
-    book[D_ROWS] = rows
+    counter = state.counters(buffer)
+    target = book.order
+    rows = rows_in_use(buffer, scene, block_load(buffer, state.AT_STAGE, NOW), layers, h, moment)
+    book.rows = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0
-    for k in range(min(target + 1, MAX_ORDER)):
+    for k in range(min(target + 1, state.MAX_ORDER)):
         run_trial(buffer, scene, k, layers, rows, h, moment)
-        counter[C_SUB_STEPS] += k + 1
+        counter.sub_steps += k + 1
         extrapolate(buffer, k, rows)
         used = k + 1
         if k == 0:
@@ -745,15 +713,15 @@ def try_implicit(buffer, scene, layers, h, moment, book):
         fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
         cost = trial_cost(used) / fit
         if error <= 1.0:
-            book[D_ORDER], book[D_STEP] = used, fit
+            book.order, book.step = used, fit
             if last_cost < 0.9 * cost:
-                book[D_ORDER], book[D_STEP] = used - 1, last_fit
-            elif used < MAX_ORDER - 1:
-                book[D_ORDER], book[D_STEP] = used + 1, trial_cost(used + 1) / cost
+                book.order, book.step = used - 1, last_fit
+            elif used < state.MAX_ORDER - 1:
+                book.order, book.step = used + 1, trial_cost(used + 1) / cost
             return used
         gain = min(1.0, error / last) if k > 1 else 0.1
         expected = error * raised(gain, target - used)
-        book[D_STEP] = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
+        book.step = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
         if k > 1 and expected * gain > 4.0:
             break
         last, last_cost, last_fit = error, cost, fit

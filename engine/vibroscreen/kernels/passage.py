@@ -15,26 +15,6 @@ from math import sqrt
 
 from vibroscreen.kernels.displacement import GRAVITY
 from vibroscreen.kernels.language import call_passage, kernel
-from vibroscreen.kernels.layout import (
-    S_APERTURE,
-    S_BED_LOAD,
-    S_CALMING,
-    S_CONTACT_LOAD,
-    S_COVER,
-    S_DAMPING,
-    S_DENSITY,
-    S_DEPLETION,
-    S_DRIFT,
-    S_LEVELLING,
-    S_LIFT,
-    S_LOOSENING,
-    S_OPEN_AREA,
-    S_PASSAGE_VELOCITY,
-    S_PASSING_TIME,
-    S_RIM,
-    S_STIRRING,
-    S_TRANSPORT_VELOCITY,
-)
 
 GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
 SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loosely
@@ -54,8 +34,8 @@ def stop_coarse(size, aperture, probability):
 @kernel
 def gaudin(size, fraction, scene, probability):
     """Gaudin: P = phi (1 - d/a)^2 for d < a, else 0 (paper, eq. 5)."""
-    aperture = scene[S_APERTURE]
-    open_area = scene[S_OPEN_AREA]
+    aperture = scene.aperture
+    open_area = scene.open_area
     scale = open_area / (aperture * aperture)
     for i in range(size.size):
         free = max(0.0, aperture - size[i])
@@ -72,8 +52,8 @@ def pelevin(size, fraction, scene, probability):
     sum of F_j (c_j/a)^2 (1 - d_i/c_j)^2 = sum of F_j (c_j - d_i)^2 / a^2,
     whose prefix sums stay free of cancellation because they hold no 1/c_j.
     """
-    aperture = scene[S_APERTURE]
-    open_area = scene[S_OPEN_AREA]
+    aperture = scene.aperture
+    open_area = scene.open_area
     alone = open_area / (aperture * aperture)
     beside = open_area * open_area / (aperture * aperture)
     s0, s1, s2 = 0.0, 0.0, 0.0
@@ -105,20 +85,20 @@ def bounce(size, fraction, scene, probability):
     opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
     ones as fill it, times their number a second.
     """
-    aperture = scene[S_APERTURE]
+    aperture = scene.aperture
     fall = sqrt(GRAVITY * aperture)
-    ride = scene[S_TRANSPORT_VELOCITY] / fall
-    carried = scene[S_DRIFT] * ride / aperture
-    beyond = (1.0 - scene[S_RIM]) / aperture
-    stirred = 1.0 + scene[S_STIRRING] * ride
-    level = scene[S_LEVELLING] * scene[S_BED_LOAD] / scene[S_CONTACT_LOAD]
-    shaken = scene[S_BED_LOAD] / sqrt(1.0 + level * level)
-    held = 1.0 + scene[S_DAMPING] * shaken / (stirred * scene[S_DENSITY] * aperture)
-    bed = max(scene[S_BED_LOAD], scene[S_CONTACT_LOAD])
-    calm = 1.0 + scene[S_CALMING] * bed / scene[S_CONTACT_LOAD]
-    held *= 1.0 + scene[S_LIFT] * scene[S_DENSITY] / (calm * bed)
-    short = scene[S_DEPLETION] * shaken / scene[S_DENSITY]
-    short *= scene[S_PASSAGE_VELOCITY] * scene[S_OPEN_AREA] / held
+    ride = scene.transport_velocity / fall
+    carried = scene.drift * ride / aperture
+    beyond = (1.0 - scene.rim) / aperture
+    stirred = 1.0 + scene.stirring * ride
+    level = scene.levelling * scene.bed_load / scene.contact_load
+    shaken = scene.bed_load / sqrt(1.0 + level * level)
+    held = 1.0 + scene.damping * shaken / (stirred * scene.density * aperture)
+    bed = max(scene.bed_load, scene.contact_load)
+    calm = 1.0 + scene.calming * bed / scene.contact_load
+    held *= 1.0 + scene.lift * scene.density / (calm * bed)
+    short = scene.depletion * shaken / scene.density
+    short *= scene.passage_velocity * scene.open_area / held
     crowd = 0.0
     passing = stop_coarse(size, aperture, probability)
     for i in range(passing):
@@ -131,10 +111,10 @@ def bounce(size, fraction, scene, probability):
         easy = freed / slow if guided > 0.0 else 0.0
         crowd += easy * fraction[i]
         probability[i] = space * easy
-    tries = scene[S_PASSAGE_VELOCITY] * scene[S_COVER] / (held * scene[S_LOOSENING])
-    taken = scene[S_PASSING_TIME] * aperture / (fall * stirred) * aperture * aperture
+    tries = scene.passage_velocity * scene.cover / (held * scene.loosening)
+    taken = scene.passing_time * aperture / (fall * stirred) * aperture * aperture
     busy = taken * tries * _PER_VOLUME * crowd if tries > 0.0 else 0.0
-    scale = scene[S_OPEN_AREA] / (held * (1.0 + busy))
+    scale = scene.open_area / (held * (1.0 + busy))
     for i in range(passing):
         probability[i] *= scale
 

@@ -6,32 +6,20 @@ scenes in use or with new ones. A deck conveys on all of its panels or on none.
 
 from __future__ import annotations
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.layout import (
-    AT_PANEL_CELLS,
-    AT_PANEL_COUNT,
-    AT_SCENE,
-    AT_WIDTH,
-    LENGTH,
-    N_DECKS,
-    N_PANELS,
-    S_TRANSPORT_VELOCITY,
-    panel_vector,
-    scene_vector,
-    vector,
-)
 
 
 @kernel
 def panel_count(buffer, deck):
     """Number of panels of a deck."""
-    return int(vector(buffer, AT_PANEL_COUNT, int(buffer[N_DECKS]), 0)[deck])
+    return int(state.vector(buffer, state.AT_PANEL_COUNT, int(buffer[state.N_DECKS]), 0)[deck])
 
 
 @kernel
 def deck_width(buffer, deck):
     """Width of a deck, m."""
-    return vector(buffer, AT_WIDTH, int(buffer[N_DECKS]), 0)[deck]
+    return state.vector(buffer, state.AT_WIDTH, int(buffer[state.N_DECKS]), 0)[deck]
 
 
 @kernel
@@ -39,20 +27,20 @@ def deck_length(buffer, deck):
     """Length of a deck, m."""
     length = 0.0
     for panel in range(panel_count(buffer, deck)):
-        length += panel_vector(buffer, deck, panel)[LENGTH]
+        length += state.panel(buffer, deck, panel).length
     return length
 
 
 @kernel
 def panel_velocity(buffer, at, deck, panel):
     """Velocity of the bed on a panel, m/s."""
-    return scene_vector(buffer, at, deck, panel)[S_TRANSPORT_VELOCITY]
+    return state.scene(buffer, at, deck, panel).transport_velocity
 
 
 @kernel
 def conveys(buffer, deck):
     """Whether the bed moves along a deck."""
-    return panel_velocity(buffer, AT_SCENE, deck, 0) > 0.0
+    return panel_velocity(buffer, state.AT_SCENE, deck, 0) > 0.0
 
 
 @kernel
@@ -60,7 +48,7 @@ def panel_end_time(buffer, at, deck, panel):
     """Riding time at the end of a panel, s."""
     time = 0.0
     for k in range(panel + 1):
-        time += panel_vector(buffer, deck, k)[LENGTH] / panel_velocity(buffer, at, deck, k)
+        time += state.panel(buffer, deck, k).length / panel_velocity(buffer, at, deck, k)
     return time
 
 
@@ -82,7 +70,7 @@ def riding_time(buffer, at, deck, place):
     left = place
     last = panel_count(buffer, deck) - 1
     for panel in range(last):
-        length = panel_vector(buffer, deck, panel)[LENGTH]
+        length = state.panel(buffer, deck, panel).length
         if left <= length:
             return time + left / panel_velocity(buffer, at, deck, panel)
         time += length / panel_velocity(buffer, at, deck, panel)
@@ -99,7 +87,7 @@ def place_after(buffer, at, deck, time):
     left = time
     last = panel_count(buffer, deck) - 1
     for panel in range(last):
-        length = panel_vector(buffer, deck, panel)[LENGTH]
+        length = state.panel(buffer, deck, panel).length
         velocity = panel_velocity(buffer, at, deck, panel)
         if left * velocity <= length:
             return place + left * velocity
@@ -111,7 +99,7 @@ def place_after(buffer, at, deck, time):
 @kernel
 def panel_cells(buffer, deck, panel):
     """Number of cells of the cohort on a panel."""
-    return int(vector(buffer, AT_PANEL_CELLS, int(buffer[N_PANELS]), deck)[panel])
+    return int(state.vector(buffer, state.AT_PANEL_CELLS, int(buffer[state.N_PANELS]), deck)[panel])
 
 
 @kernel
@@ -126,7 +114,7 @@ def cell_count(buffer, deck):
 @kernel
 def cell_length(buffer, deck, panel):
     """Length of a cell on a panel, that of the longest package, m."""
-    return panel_vector(buffer, deck, panel)[LENGTH] / panel_cells(buffer, deck, panel)
+    return state.panel(buffer, deck, panel).length / panel_cells(buffer, deck, panel)
 
 
 @kernel
@@ -151,5 +139,5 @@ def cell_end(buffer, at, deck, cell):
     behind = beyond - 1 - cell  # cells of the panel that follow
     if behind == 0:
         return end
-    span = panel_vector(buffer, deck, panel)[LENGTH] / panel_velocity(buffer, at, deck, panel)
+    span = state.panel(buffer, deck, panel).length / panel_velocity(buffer, at, deck, panel)
     return end - span * behind / panel_cells(buffer, deck, panel)

@@ -7,23 +7,8 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.language import entry, kernel
-from vibroscreen.kernels.layout import (
-    APERTURE,
-    AT_PANEL_CELLS,
-    AT_PARAMETER,
-    AT_PASSAGE_FACTOR,
-    LENGTH,
-    N_CELLS,
-    N_DECKS,
-    N_PANELS,
-    PARAMETER,
-    PASSAGE_VELOCITY,
-    TOLERANCE,
-    panel_vector,
-    scalars,
-    vector,
-)
 from vibroscreen.kernels.place import panel_count
 from vibroscreen.kernels.steady import place_nodes
 
@@ -75,25 +60,25 @@ def plan(buffer, aperture, velocity):
     aperture and velocity: rows of the table of passage velocities, or none. Writes the number of
     cells and of nodes, cells and passage factors of the panels, and the nodes.
     """
-    parameter = scalars(buffer, AT_PARAMETER, len(PARAMETER))
-    cells = cells_for(parameter[TOLERANCE], LEAST_CELLS)
-    buffer[N_CELLS] = cells
+    parameter = state.parameters(buffer)
+    cells = cells_for(parameter.tolerance, LEAST_CELLS)
+    buffer[state.N_CELLS] = cells
     if aperture.size > 0:
-        first = between(aperture, velocity, panel_vector(buffer, 0, 0)[APERTURE])
-        parameter[PASSAGE_VELOCITY] = first
-    for deck in range(int(buffer[N_DECKS])):
-        share = vector(buffer, AT_PANEL_CELLS, int(buffer[N_PANELS]), deck)
-        factor = vector(buffer, AT_PASSAGE_FACTOR, int(buffer[N_PANELS]), deck)
+        first = between(aperture, velocity, state.panel(buffer, 0, 0).aperture)
+        parameter.passage_velocity = first
+    for deck in range(int(buffer[state.N_DECKS])):
+        share = state.vector(buffer, state.AT_PANEL_CELLS, int(buffer[state.N_PANELS]), deck)
+        factor = state.vector(buffer, state.AT_PASSAGE_FACTOR, int(buffer[state.N_PANELS]), deck)
         panels = panel_count(buffer, deck)
         # The lengths lie apart from each other: in a row for a moment.
         for k in range(panels):
-            panel = panel_vector(buffer, deck, k)
-            factor[k] = panel[LENGTH]
+            panel = state.panel(buffer, deck, k)
+            factor[k] = panel.length
         share_cells(factor[:panels], cells, share)
         for k in range(panels):
             factor[k] = 1.0
             if aperture.size > 0 and first != 0.0:
                 factor[k] = (
-                    between(aperture, velocity, panel_vector(buffer, deck, k)[APERTURE]) / first
+                    between(aperture, velocity, state.panel(buffer, deck, k).aperture) / first
                 )
     place_nodes(buffer)

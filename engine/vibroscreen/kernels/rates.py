@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import ceil
 
+from vibroscreen.kernels import state
 from vibroscreen.kernels.fours import (
     all_four,
     four,
@@ -22,59 +23,6 @@ from vibroscreen.kernels.fours import (
     total,
 )
 from vibroscreen.kernels.language import kernel, view1, view2
-from vibroscreen.kernels.layout import (
-    AT_COLUMN_FLUX,
-    AT_COLUMN_TIME,
-    AT_COMPACT,
-    AT_COUNTER,
-    AT_NODE_WORK,
-    AT_PARAMETER,
-    AT_PERCOLATION,
-    AT_PLACE,
-    AT_RECONSTRUCTION,
-    AT_SCRATCH,
-    AT_SHARE,
-    AT_SIZE,
-    AT_SOURCE,
-    AT_SOURCE_NOW,
-    AT_STAGE,
-    AT_SWITCH,
-    AT_TRIAL,
-    C_COARSE_SKIPPED,
-    C_EMPTY_SKIPPED,
-    C_RATES,
-    C_USED_UP_SKIPPED,
-    COUNTER,
-    LAYERED,
-    N_ACTIVE,
-    N_LAYERS,
-    N_NODES,
-    N_SOURCE,
-    PARAMETER,
-    PASSAGE_ADDRESS,
-    PASSAGE_LAW,
-    S_APERTURE,
-    S_BED_LOAD,
-    S_CONTACT_LOAD,
-    S_COVER,
-    S_DENSITY,
-    S_DILATION,
-    S_LAYER_FULL,
-    S_LAYER_LOAD,
-    S_OPEN_AREA,
-    S_PASSAGE_VELOCITY,
-    S_RELATIVE_DILATION,
-    SEGREGATION_ADDRESS,
-    SEGREGATION_MODEL,
-    SWITCH,
-    TOLERANCE,
-    W_COARSE,
-    W_EMPTY,
-    W_USED_UP,
-    column,
-    node_vector,
-    vector,
-)
 from vibroscreen.kernels.passage import BOUNCE, passage_probability
 from vibroscreen.kernels.segregation import (
     CLASSIFIED,
@@ -105,45 +53,45 @@ LOWER, UPPER = 0, 1
 @kernel
 def active_vector(buffer, at, row):
     """Row `row` of a field of vectors over the sizes that take part."""
-    return vector(buffer, at, int(buffer[N_ACTIVE]), row)
+    return state.vector(buffer, at, int(buffer[state.N_ACTIVE]), row)
 
 
 @kernel
 def active_column(buffer, at):
     """A work column over the sizes that take part."""
-    return view2(buffer, int(buffer[at]), int(buffer[N_LAYERS]), int(buffer[N_ACTIVE]))
+    return view2(buffer, int(buffer[at]), int(buffer[state.N_LAYERS]), int(buffer[state.N_ACTIVE]))
 
 
 @kernel
 def block(buffer, at, index):
     """A block as one vector: what passed, the loads of the layers, the share of the top one."""
-    rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
-    return view1(buffer, start, rows * int(buffer[N_ACTIVE]))
+    rows = int(buffer[state.N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
+    return view1(buffer, start, rows * int(buffer[state.N_ACTIVE]))
 
 
 @kernel
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
-    rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
-    return view1(buffer, start, int(buffer[N_ACTIVE]))
+    rows = int(buffer[state.N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
+    return view1(buffer, start, int(buffer[state.N_ACTIVE]))
 
 
 @kernel
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
-    rows = int(buffer[N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
-    start += int(buffer[N_ACTIVE])
-    return view2(buffer, start, rows - 2, int(buffer[N_ACTIVE]))
+    rows = int(buffer[state.N_LAYERS]) + 2
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
+    start += int(buffer[state.N_ACTIVE])
+    return view2(buffer, start, rows - 2, int(buffer[state.N_ACTIVE]))
 
 
 @kernel
 def block_share(buffer, at, index, layers):
     """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
-    rows, nodes = int(buffer[N_LAYERS]) + 2, int(buffer[N_ACTIVE])
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[N_NODES]))
+    rows, nodes = int(buffer[state.N_LAYERS]) + 2, int(buffer[state.N_ACTIVE])
+    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
     return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
 
 
@@ -153,18 +101,18 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = node_vector(buffer, AT_SIZE, 0)
+    size = state.node_vector(buffer, state.AT_SIZE, 0)
     nodes = size.size
-    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
-    model = int(parameter[SEGREGATION_MODEL])
-    known = int(parameter[PASSAGE_LAW]) <= BOUNCE and model <= CLASSIFIED
-    if vector(buffer, AT_SWITCH, len(SWITCH), 0)[W_COARSE] == 0.0 or not known:
+    parameter = state.parameters(buffer)
+    model = parameter.segregation_model
+    known = parameter.passage_law <= BOUNCE and model <= CLASSIFIED
+    if state.switches(buffer).coarse_sizes == 0.0 or not known:
         return nodes
-    if buffer[N_SOURCE] > 0.0:
+    if buffer[state.N_SOURCE] > 0.0:
         return nodes
-    closed = scene[S_APERTURE]
-    if buffer[LAYERED] > 0.0:
-        gap = gap_of(size[nodes - 1], scene[S_DILATION], scene[S_RELATIVE_DILATION])
+    closed = scene.aperture
+    if buffer[state.LAYERED] > 0.0:
+        gap = gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
         closed = max(closed, gap)
     first = nodes
     while first > 0 and size[first - 1] >= closed:
@@ -191,15 +139,21 @@ def gather(buffer, scene, load, reference, layers):
     go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
     """
     nodes = load.shape[1]
-    switch = vector(buffer, AT_SWITCH, len(SWITCH), 0)
-    counter = vector(buffer, AT_COUNTER, len(COUNTER), 0)
-    tolerance = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)[TOLERANCE]
-    size, held = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_NODE_WORK, 0)
-    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
-    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
-    flux = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    terms = int(buffer[N_SOURCE])
-    passing = scene[S_PASSAGE_VELOCITY] > 0.0 and switch[W_USED_UP] > 0.0 and terms == 0
+    switch = state.switches(buffer)
+    counter = state.counters(buffer)
+    tolerance = state.parameters(buffer).tolerance
+    size, held = (
+        state.node_vector(buffer, state.AT_SIZE, 0),
+        state.node_vector(buffer, state.AT_NODE_WORK, 0),
+    )
+    place, share = (
+        state.node_vector(buffer, state.AT_PLACE, 0),
+        state.node_vector(buffer, state.AT_SHARE, 0),
+    )
+    source = view2(buffer, int(buffer[state.AT_SOURCE]), 3, nodes)
+    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    terms = int(buffer[state.N_SOURCE])
+    passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * tolerance
     coarse = first_coarse(buffer, scene, load, layers)
     for i in range(nodes):
@@ -209,21 +163,21 @@ def gather(buffer, scene, load, reference, layers):
             held[i] += load[j, i]
     count = 0
     for i in range(coarse):
-        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene[S_APERTURE]:
+        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.aperture:
             flux[i] += held[i]
             held[i] = 0.0
             for j in range(layers):
                 load[j, i] = 0.0
-            counter[C_USED_UP_SKIPPED] += 1.0
+            counter.used_up_sizes_skipped += 1.0
         lands = False
         for k in range(terms):
             lands = lands or source[k, i] != 0.0
-        if held[i] > 0.0 or lands or switch[W_EMPTY] == 0.0:
+        if held[i] > 0.0 or lands or switch.empty_sizes == 0.0:
             place[i] = count
             count += 1
         else:
             place[i] = -1.0
-            counter[C_EMPTY_SKIPPED] += 1.0
+            counter.empty_sizes_skipped += 1.0
         share[i] = 1.0
     gathered, moment = 0.0, 0.0
     for i in range(coarse, nodes):
@@ -233,11 +187,11 @@ def gather(buffer, scene, load, reference, layers):
         place[i] = count if gathered > 0.0 else -1.0
         share[i] = held[i] / gathered if gathered > 0.0 else 0.0
     if gathered > 0.0:
-        counter[C_COARSE_SKIPPED] += nodes - coarse - 1.0
+        counter.coarse_sizes_skipped += nodes - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
-    buffer[N_ACTIVE] = in_fours(taking_part)
+    buffer[state.N_ACTIVE] = in_fours(taking_part)
     fill_block(buffer, load, reference, layers, coarse)
-    compact_size = active_vector(buffer, AT_COMPACT, 0)
+    compact_size = active_vector(buffer, state.AT_COMPACT, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
     for n in range(taking_part, compact_size.size):
@@ -258,14 +212,17 @@ def places_kept(place):
 def fill_block(buffer, load, reference, layers, coarse):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     nodes = load.shape[1]
-    count = int(buffer[N_ACTIVE])
-    size, place = node_vector(buffer, AT_SIZE, 0), node_vector(buffer, AT_PLACE, 0)
-    source = view2(buffer, int(buffer[AT_SOURCE]), 3, nodes)
-    compact_size = active_vector(buffer, AT_COMPACT, 0)
-    weight = active_vector(buffer, AT_COMPACT, 1)
-    landing = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, count)
-    now, integral = block(buffer, AT_STAGE, NOW), block(buffer, AT_STAGE, INTEGRAL)
-    terms = int(buffer[N_SOURCE])
+    count = int(buffer[state.N_ACTIVE])
+    size, place = (
+        state.node_vector(buffer, state.AT_SIZE, 0),
+        state.node_vector(buffer, state.AT_PLACE, 0),
+    )
+    source = view2(buffer, int(buffer[state.AT_SOURCE]), 3, nodes)
+    compact_size = active_vector(buffer, state.AT_COMPACT, 0)
+    weight = active_vector(buffer, state.AT_COMPACT, 1)
+    landing = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, count)
+    now, integral = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, INTEGRAL)
+    terms = int(buffer[state.N_SOURCE])
     rows_above = layers if terms == 0 else load.shape[0]
     for k in range((rows_above + 1) * count):
         now[k] = 0.0
@@ -287,7 +244,7 @@ def fill_block(buffer, load, reference, layers, coarse):
             n = int(place[i])
             if n >= 0:
                 landing[k, n] = source[k, i]
-    rows = block_load(buffer, AT_STAGE, NOW)
+    rows = block_load(buffer, state.AT_STAGE, NOW)
     straight = min(coarse, places_kept(place))
     for j in range(layers):
         for i in range(straight):
@@ -306,12 +263,21 @@ def fill_block(buffer, load, reference, layers, coarse):
 def scatter(buffer, load, layers, rows, elapsed):
     """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
     nodes = load.shape[1]
-    place, share = node_vector(buffer, AT_PLACE, 0), node_vector(buffer, AT_SHARE, 0)
-    now, integral = block_load(buffer, AT_STAGE, NOW), block_load(buffer, AT_STAGE, INTEGRAL)
-    gone, gone_time = block_passed(buffer, AT_STAGE, NOW), block_passed(buffer, AT_STAGE, INTEGRAL)
-    passed = node_vector(buffer, AT_COLUMN_FLUX, 0)
-    passed_time = node_vector(buffer, AT_COLUMN_FLUX, 1)
-    time = column(buffer, AT_COLUMN_TIME, 0)
+    place, share = (
+        state.node_vector(buffer, state.AT_PLACE, 0),
+        state.node_vector(buffer, state.AT_SHARE, 0),
+    )
+    now, integral = (
+        block_load(buffer, state.AT_STAGE, NOW),
+        block_load(buffer, state.AT_STAGE, INTEGRAL),
+    )
+    gone, gone_time = (
+        block_passed(buffer, state.AT_STAGE, NOW),
+        block_passed(buffer, state.AT_STAGE, INTEGRAL),
+    )
+    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
+    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
     for i in range(nodes):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
@@ -349,16 +315,16 @@ def layers_for(buffer, scene, mass):
 
     A bed deeper than the layers can hold thickens the upper layers, never the contact layer.
     """
-    scene[S_BED_LOAD] = mass
-    scene[S_LAYER_FULL] = scene[S_LAYER_LOAD]
-    above = mass - scene[S_CONTACT_LOAD]
-    if buffer[LAYERED] == 0.0 or above <= SLIVER * scene[S_LAYER_LOAD]:
+    scene.bed_load = mass
+    scene.layer_full = scene.layer_load
+    above = mass - scene.contact_load
+    if buffer[state.LAYERED] == 0.0 or above <= SLIVER * scene.layer_load:
         return 1
-    most = int(buffer[N_LAYERS]) - 1
-    if above > most * scene[S_LAYER_LOAD] * (1.0 + SLIVER):
-        scene[S_LAYER_FULL] = above / most
+    most = int(buffer[state.N_LAYERS]) - 1
+    if above > most * scene.layer_load * (1.0 + SLIVER):
+        scene.layer_full = above / most
         return 1 + most
-    return 1 + min(most, int(ceil(above / scene[S_LAYER_LOAD] - SLIVER)))
+    return 1 + min(most, int(ceil(above / scene.layer_load - SLIVER)))
 
 
 @kernel
@@ -372,7 +338,7 @@ def restack(buffer, scene, load, layers):
     if wanted == 1 and layers == 1:
         return 1
     nodes = load.shape[1]
-    old = view2(buffer, int(buffer[AT_SCRATCH]), load.shape[0], nodes)
+    old = view2(buffer, int(buffer[state.AT_SCRATCH]), load.shape[0], nodes)
     for j in range(layers):
         for i in range(nodes):
             old[j, i] = load[j, i]
@@ -380,7 +346,7 @@ def restack(buffer, scene, load, layers):
     whole = layer_mass(old, 0)
     left = 1.0  # what remains of the layer `source`, as a part of it
     for j in range(wanted):
-        need = scene[S_CONTACT_LOAD] if j == 0 else scene[S_LAYER_FULL]
+        need = scene.contact_load if j == 0 else scene.layer_full
         for i in range(nodes):
             load[j, i] = 0.0
         while source < layers:
@@ -415,37 +381,37 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
     row 0 holds, as F_0i = contact_i load_0i.
     """
-    parameter = vector(buffer, AT_PARAMETER, len(PARAMETER), 0)
-    size = active_vector(buffer, AT_COMPACT, 0)
-    fraction = active_vector(buffer, AT_NODE_WORK, 2)
+    parameter = state.parameters(buffer)
+    size = active_vector(buffer, state.AT_COMPACT, 0)
+    fraction = active_vector(buffer, state.AT_NODE_WORK, 2)
     segregate(
-        int(parameter[SEGREGATION_MODEL]),
-        int(buffer[SEGREGATION_ADDRESS]),
+        parameter.segregation_model,
+        int(buffer[state.SEGREGATION_ADDRESS]),
         size,
         lower,
         layers,
         scene,
         contact,
-        active_column(buffer, AT_PERCOLATION),
+        active_column(buffer, state.AT_PERCOLATION),
     )
     for i in range(0, size.size, 4):
         put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
-    scene[S_COVER] = cover
-    law = int(parameter[PASSAGE_LAW])
-    passage_probability(law, int(buffer[PASSAGE_ADDRESS]), size, fraction, scene, factor)
-    return scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * cover
+    scene.cover = cover
+    law = parameter.passage_law
+    passage_probability(law, int(buffer[state.PASSAGE_ADDRESS]), size, fraction, scene, factor)
+    return scene.density * scene.passage_velocity * cover
 
 
 @kernel
 def cover_of(scene, mass):
     """Part of the deck that a contact layer of `mass` kg/m2 covers, min(1, sigma_0/sigma_c)."""
-    return min(1.0, mass / scene[S_CONTACT_LOAD])
+    return min(1.0, mass / scene.contact_load)
 
 
 @kernel
 def reconstructed(buffer):
     """Whether the composition inside a layer is linear."""
-    return buffer[int(buffer[AT_RECONSTRUCTION])] > 0.0
+    return buffer[int(buffer[state.AT_RECONSTRUCTION])] > 0.0
 
 
 @kernel
@@ -476,7 +442,10 @@ def reconstruct(buffer, load, layers):
     Mass fractions are linear over a layer with a monotonised central slope, even in the contact
     layer and in the top one. The implicit scheme, whose blocks these are, does without.
     """
-    lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+    lower, upper = (
+        block_load(buffer, state.AT_TRIAL, LOWER),
+        block_load(buffer, state.AT_TRIAL, UPPER),
+    )
     nodes = load.shape[1]
     for i in range(nodes):
         lower[0, i] = upper[0, i] = load[0, i]
@@ -503,8 +472,8 @@ def hand_down(change, row, i, flux):
 
 
 @kernel
-def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
-    """Rates of change of a column, from block `state` into block `rate`, kg/(m2 s).
+def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
+    """Rates of change of a column, from block `now` into block `rate`, kg/(m2 s).
 
     Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
     above, layer by layer), landing on the top layer `moment` s after the start. Layers exchange
@@ -514,19 +483,22 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
     composition is followed beside the masses as x' = -percolation x + return flow, in the row above
     them; where something lands, a thin top layer has that of the start of the step.
     """
-    load, change = block_load(buffer, at_state, state), block_load(buffer, at_rate, rate)
+    load, change = block_load(buffer, at_now, now), block_load(buffer, at_rate, rate)
     passing = block_passed(buffer, at_rate, rate)
-    weight = active_vector(buffer, AT_NODE_WORK, 0)
-    contact = active_vector(buffer, AT_NODE_WORK, 1)
-    percolation = active_column(buffer, AT_PERCOLATION)
+    weight = active_vector(buffer, state.AT_NODE_WORK, 0)
+    contact = active_vector(buffer, state.AT_NODE_WORK, 1)
+    percolation = active_column(buffer, state.AT_PERCOLATION)
     nodes = passing.size
     top = layer_mass(load, layers - 1)
-    upper = (layers - 2) * scene[S_LAYER_FULL]
-    scene[S_BED_LOAD] = top if layers == 1 else scene[S_CONTACT_LOAD] + upper + top
+    upper = (layers - 2) * scene.layer_full
+    scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
     lower, upper = load, load
     if layers > 2 and reconstructed(buffer):
         reconstruct(buffer, load, layers)
-        lower, upper = block_load(buffer, AT_TRIAL, LOWER), block_load(buffer, AT_TRIAL, UPPER)
+        lower, upper = (
+            block_load(buffer, state.AT_TRIAL, LOWER),
+            block_load(buffer, state.AT_TRIAL, UPPER),
+        )
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
@@ -539,10 +511,10 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
         put_four_in(change, 0, i, 0.0 - leaves)
         passes += leaves
     lost = total(passes)
-    full = scene[S_CONTACT_LOAD]
-    settling = lost / scene[S_LAYER_FULL]
+    full = scene.contact_load
+    settling = lost / scene.layer_full
     for j in range(1, layers):
-        if j < layers - 1 or (not falling and top > THIN * scene[S_LAYER_FULL]):
+        if j < layers - 1 or (not falling and top > THIN * scene.layer_full):
             upward = weighted_mass(lower, j, percolation, j) / full
             refill = settling if j < layers - 1 else lost / top
             for i in range(0, nodes, 4):
@@ -550,7 +522,7 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
                 flux -= upward * four_in(upper, j - 1, i)
                 hand_down(change, j, i, flux)
         elif falling:
-            share = block_share(buffer, at_state, state, layers)
+            share = block_share(buffer, at_now, now, layers)
             share_change = block_share(buffer, at_rate, rate, layers)
             upward = weighted_mass(share, 0, percolation, j) / full
             for i in range(0, nodes, 4):
@@ -560,38 +532,38 @@ def column_rates(buffer, scene, at_state, state, layers, at_rate, rate, moment):
                 flux = lost * part - top * gain
                 hand_down(change, j, i, flux)
         else:
-            share = block_share(buffer, AT_STAGE, NOW, layers)
+            share = block_share(buffer, state.AT_STAGE, NOW, layers)
             upward = weighted_mass(lower, j, percolation, j) / full
             for i in range(0, nodes, 4):
                 flux = four_in(percolation, j, i) * four_in(lower, j, i)
                 flux -= upward * four_in(upper, j - 1, i)
                 flux += lost * four_in(share, 0, i)
                 hand_down(change, j, i, flux)
-        full = scene[S_LAYER_FULL]
+        full = scene.layer_full
     land(buffer, change, layers - 1, moment)
-    vector(buffer, AT_COUNTER, len(COUNTER), 0)[C_RATES] += 1.0
+    state.counters(buffer).rates += 1.0
     return lost
 
 
 @kernel
 def follows_share(buffer, layers):
     """Whether the composition of the top layer is followed beside its masses."""
-    return layers > 1 and buffer[N_SOURCE] == 0.0
+    return layers > 1 and buffer[state.N_SOURCE] == 0.0
 
 
 @kernel
 def rows_followed(buffer, layers):
     """Length of the part of a block that a scheme advances."""
-    return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[N_ACTIVE])
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[state.N_ACTIVE])
 
 
 @kernel
 def land(buffer, change, row, moment):
     """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
-    terms = int(buffer[N_SOURCE])
+    terms = int(buffer[state.N_SOURCE])
     if terms == 0:
         return
-    source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, change.shape[1])
+    source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, change.shape[1])
     if terms == 1:
         for i in range(change.shape[1]):
             change[row, i] += source[0, i]
@@ -603,8 +575,8 @@ def land(buffer, change, row, moment):
 @kernel
 def keep_top_share(buffer, layers):
     """Composition of the top layer at the start of a step."""
-    share = block_share(buffer, AT_STAGE, NOW, layers)
-    load = block_load(buffer, AT_STAGE, NOW)
+    share = block_share(buffer, state.AT_STAGE, NOW, layers)
+    load = block_load(buffer, state.AT_STAGE, NOW)
     top = layer_mass(load, layers - 1)
     below = max(0, layers - 2)
     row = layers - 1 if top > 0.0 else below
@@ -617,13 +589,13 @@ def keep_top_share(buffer, layers):
 @kernel
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
-    nodes = int(buffer[N_ACTIVE])
-    fastest = largest_of(view2(buffer, int(buffer[AT_NODE_WORK]), 1, nodes), 0)
-    percolation = active_column(buffer, AT_PERCOLATION)
-    if fastest == 0.0 and buffer[N_SOURCE] > 0.0:
+    nodes = int(buffer[state.N_ACTIVE])
+    fastest = largest_of(view2(buffer, int(buffer[state.AT_NODE_WORK]), 1, nodes), 0)
+    percolation = active_column(buffer, state.AT_PERCOLATION)
+    if fastest == 0.0 and buffer[state.N_SOURCE] > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
-        pace = scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] / scene[S_CONTACT_LOAD]
-        fastest = pace * scene[S_OPEN_AREA] * (1.0 + scene[S_OPEN_AREA])
+        pace = scene.density * scene.passage_velocity / scene.contact_load
+        fastest = pace * scene.open_area * (1.0 + scene.open_area)
     exchange = 0.0
     for j in range(1, layers):
         exchange = max(exchange, largest_of(percolation, j))
@@ -638,9 +610,12 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     step is that of the rates times h, so in a bed where all is in balance it is the same in every
     step: it would add up over many.
     """
-    nodes = int(buffer[N_ACTIVE])
-    place = node_vector(buffer, AT_PLACE, 0)
-    missing, values = active_vector(buffer, AT_NODE_WORK, 1), block(buffer, AT_STAGE, NOW)
+    nodes = int(buffer[state.N_ACTIVE])
+    place = state.node_vector(buffer, state.AT_PLACE, 0)
+    missing, values = (
+        active_vector(buffer, state.AT_NODE_WORK, 1),
+        block(buffer, state.AT_STAGE, NOW),
+    )
     for n in range(nodes):
         missing[n] = 0.0
     straight = places_kept(place)
@@ -651,9 +626,9 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
             n = int(place[i])
             if n >= 0:
                 missing[n] += load[j, i]
-    terms = int(buffer[N_SOURCE])
+    terms = int(buffer[state.N_SOURCE])
     if terms > 0:
-        source = view2(buffer, int(buffer[AT_SOURCE_NOW]), 3, nodes)
+        source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, nodes)
         for n in range(nodes):
             missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
     for row in range(layers + 1):

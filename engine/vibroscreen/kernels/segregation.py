@@ -17,16 +17,6 @@ from math import sqrt
 
 from vibroscreen.kernels.fours import all_four, four, four_in, larger, put_four_in, total
 from vibroscreen.kernels.language import call_segregation, kernel
-from vibroscreen.kernels.layout import (
-    S_CONTACT_LOAD,
-    S_DENSITY,
-    S_DILATION,
-    S_LAYER_FULL,
-    S_MIXING,
-    S_PROPORTION,
-    S_RELATIVE_DILATION,
-    S_SEGREGATION_VELOCITY,
-)
 
 WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
 # Less than this has no composition: its inverse would not be a finite number, kg/m2.
@@ -118,7 +108,7 @@ def well_mixed(size, load, layers, scene, contact, percolation):
 @kernel
 def classified(size, load, layers, scene, contact, percolation):
     """The finest grains of the bed, as many as the contact layer holds, mixed."""
-    held = min(layer_mass(load, 0), scene[S_CONTACT_LOAD])
+    held = min(layer_mass(load, 0), scene.contact_load)
     share = 1.0 / held if held > NOTHING else 0.0
     left = held
     for i in range(size.size):
@@ -135,7 +125,7 @@ def proportional(size, load, layers, scene, contact, percolation):
     classified(size, load, layers, scene, contact, percolation)
     mass = layer_mass(load, 0)
     share = 1.0 / mass if mass > NOTHING else 0.0
-    chi = scene[S_PROPORTION]
+    chi = scene.proportion
     for i in range(size.size):
         contact[i] = (1.0 - chi) * share + chi * contact[i]
 
@@ -149,11 +139,11 @@ def exchange(size, load, layers, scene, contact, percolation):
     """
     mass = layer_mass(load, 0)
     mix_contact(mass, contact)
-    pace = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY]
-    stirring = scene[S_DENSITY] * scene[S_MIXING]
-    dilation, relative = scene[S_DILATION], scene[S_RELATIVE_DILATION]
-    whole = 1.0 / scene[S_LAYER_FULL]
-    fill_below = mass / scene[S_CONTACT_LOAD]
+    pace = scene.density * scene.segregation_velocity
+    stirring = scene.density * scene.mixing
+    dilation, relative = scene.dilation, scene.relative_dilation
+    whole = 1.0 / scene.layer_full
+    fill_below = mass / scene.contact_load
     wide = size.size - size.size % 4
     for j in range(1, layers):
         mass, moment = mass_and_moment(load, j, size)

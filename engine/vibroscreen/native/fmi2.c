@@ -1,7 +1,7 @@
 /* FMI 2.0 for co-simulation over the kernels of the engine; the same library for every screen.
 
    All of an instance lies in one buffer [header | parameters | inputs | outputs | constants | state
-   | work] (kernels/layout.py); the value reference of a variable is its place from the parameters
+   | work] (kernels/state.py); the value reference of a variable is its place from the parameters
    on. Nothing that changes lies outside of an instance: instances may run in threads of their own.
    Memory is taken when an instance is made, when fixed parameters change the size of its state,
    and for saved states; never in a step. Offsets are in engine.h (header.py writes it); names, texts,

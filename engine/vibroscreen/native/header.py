@@ -1,6 +1,6 @@
 """engine.h: what the C layer knows of the engine, from the tables that Python has.
 
-Offsets of the buffer are those of kernels/layout.py, computed with names instead of numbers. What
+Offsets of the buffer are those of kernels/state.py, computed with names instead of numbers. What
 a screen adds is data (vibroscreen_fmu/native/tables.py), in the order of the names that stand here.
 """
 
@@ -12,10 +12,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from vibroscreen.kernels import layout as lay
+from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
-from vibroscreen.kernels.layout import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 from vibroscreen.kernels.segregation import EXCHANGE
+from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 
 FOLDER = Path(__file__).parent
 SOURCES = ("fmi2.c", "fmi2.h", "place.h", "sheet.h")
@@ -76,7 +76,7 @@ def header(engine: str, suffix: str) -> str:
         "N_DIMENSIONS": len(DIMENSION),
         "HEADER": HEADER_SIZE,
         "PARAMETERS": HEADER_SIZE,
-        "PANEL_SIZE": len(lay.PANEL),
+        "PANEL_SIZE": len(state.PANEL),
         "FIGURES": len(FIGURE),
         "F_OWN": f"F_{OWN[0].upper()}",
         "OWN_MODELS": len(OWN),
@@ -85,7 +85,7 @@ def header(engine: str, suffix: str) -> str:
         "COMMAND_INITIALISE": INITIALISE,
         "COMMAND_ADVANCE": ADVANCE,
         "COMMAND_READ": READ,
-        "ACCEPTED": lay.ACCEPTED,
+        "ACCEPTED": state.ACCEPTED,
         "SETTABLE": SETTABLE,
         "FIXED": FIXED,
         **{f"KIND_{kind.upper()}": bit for kind, bit in KINDS.items() if kind != "Enumeration"},
@@ -101,9 +101,9 @@ def header(engine: str, suffix: str) -> str:
         _enumeration("D", DIMENSION),
         f"enum {{ AT_FIRST = {len(DIMENSION) - 1}, {', '.join(map(_at, FIELD))} }};",
         f"#define AT_FIRST_OF_STATE {_at(next(iter(SECTIONS['state'])))}",
-        _enumeration("P", lay.PARAMETER),
-        _enumeration("PANEL", lay.PANEL),
-        _enumeration("M", lay.MEMORY),
+        _enumeration("P", state.PARAMETER),
+        _enumeration("PANEL", state.PANEL),
+        _enumeration("M", state.MEMORY),
         _enumeration("F", FIGURE),
         _enumeration("TEXT", texts()),
         f"static const char *const OWN_MODEL[] = {{{own}}};",

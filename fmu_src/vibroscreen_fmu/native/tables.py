@@ -14,7 +14,7 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
 from vibroscreen.fields import Number
 from vibroscreen.kernels import library, registry
-from vibroscreen.kernels.layout import DIMENSION, HEADER_SIZE, Layout
+from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, Layout
 from vibroscreen.native import header
 from vibroscreen.native.header import FAMILIES, FIXED, KINDS, SETTABLE
 from vibroscreen.screen import (

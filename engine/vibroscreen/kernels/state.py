@@ -9,16 +9,18 @@ the whole state of an instance: copying it copies the screen.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import prod
+from typing import Any
 
 import numpy as np
 
 from vibroscreen.kernels.fours import in_fours
-from vibroscreen.kernels.language import kernel, view1, view2
+from vibroscreen.kernels.language import Record, Row, kernel, record, view1, view2
 
 # --- scalars of a vector field, in order -------------------------------------------------------
-PARAMETER = (
+PARAMETER = Record(
     "bulk_density",
     "friction_deck",
     "friction_internal",
@@ -50,45 +52,18 @@ PARAMETER = (
     "drive_efficiency",
     "tolerance",
     "subdivision",
+    whole=("passage_law", "segregation_model", "displacement_model", "subdivision"),
 )
-(
-    BULK_DENSITY,
-    FRICTION_DECK,
-    FRICTION_INTERNAL,
-    ROLLING,
-    PASSAGE_LAW,
-    PASSAGE_VELOCITY,
-    PASSAGE_RIM,
-    PASSAGE_PASSING_TIME,
-    PASSAGE_DRIFT,
-    PASSAGE_DAMPING,
-    PASSAGE_LIFT,
-    PASSAGE_STIRRING,
-    PASSAGE_CALMING,
-    PASSAGE_DEPLETION,
-    PASSAGE_LEVELLING,
-    SEGREGATION_MODEL,
-    SEGREGATION_VELOCITY,
-    SEGREGATION_DILATION,
-    SEGREGATION_RELATIVE_DILATION,
-    SEGREGATION_MIXING,
-    SEGREGATION_PROPORTION,
-    DISPLACEMENT_MODEL,
-    CONTACT_DEPTH,
-    LAYER_DEPTH,
-    INITIAL,
-    VIBRATING_MASS,
-    BEARING_FRICTION,
-    BEARING_DIAMETER,
-    DRIVE_EFFICIENCY,
-    TOLERANCE,
-    SUBDIVISION,
-) = range(len(PARAMETER))
 
-PANEL = ("length", "inclination", "aperture", "open_area", "velocity_factor")
-LENGTH, INCLINATION, APERTURE, OPEN_AREA, VELOCITY_FACTOR = range(len(PANEL))
+PANEL = Record(
+    "length",
+    "inclination",
+    "aperture",
+    "open_area",
+    "velocity_factor",
+)
 
-INPUT = (
+INPUT = Record(
     "feed_rate",
     "frequency",
     "amplitude",
@@ -96,9 +71,8 @@ INPUT = (
     "ellipticity",
     "displacement_velocity",
 )
-FEED_RATE, FREQUENCY, AMPLITUDE, THROW_ANGLE, ELLIPTICITY, DISPLACEMENT_VELOCITY = range(len(INPUT))
 
-OUTPUT = (
+OUTPUT = Record(
     "undersize_rate",
     "oversize_rate",
     "feed_mass",
@@ -120,38 +94,22 @@ OUTPUT = (
     "alarm_transport",
     "alarm_performance",
 )
-(
-    UNDERSIZE_RATE,
-    OVERSIZE_RATE,
-    FEED_MASS,
-    UNDERSIZE_MASS,
-    OVERSIZE_MASS,
-    HOLD_UP,
-    DEPTH_FEED,
-    DEPTH_DISCHARGE,
-    BED_VELOCITY,
-    THROW_NUMBER_OUT,
-    UNDERSIZE_RECOVERY,
-    EFFICIENCY,
-    CUT_SIZE,
-    ECART_PROBABLE,
-    DRIVE_POWER,
-    BALANCE_ERROR,
-    ALARM_BED_DEPTH,
-    ALARM_CAPACITY,
-    ALARM_TRANSPORT,
-    ALARM_PERFORMANCE,
-) = range(len(OUTPUT))
 
 # Outputs of every stream between two decks, and of the bed on every deck.
-INTERMEDIATE = ("rate", "mass")
-INTERMEDIATE_RATE, INTERMEDIATE_MASS = range(len(INTERMEDIATE))
-DECK_BED = ("hold_up", "depth_feed", "depth_discharge", "transport_velocity")
-DECK_HOLD_UP, DECK_DEPTH_FEED, DECK_DEPTH_DISCHARGE, DECK_VELOCITY = range(len(DECK_BED))
+INTERMEDIATE = Record(
+    "rate",
+    "mass",
+)
+DECK_BED = Record(
+    "hold_up",
+    "depth_feed",
+    "depth_discharge",
+    "transport_velocity",
+)
 
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
-SCENE = (
+SCENE = Record(
     "density",
     "contact_load",
     "layer_load",
@@ -187,46 +145,10 @@ SCENE = (
     "bed_load",
     "cover",
 )
-(
-    S_DENSITY,
-    S_CONTACT_LOAD,
-    S_LAYER_LOAD,
-    S_PASSAGE_VELOCITY,
-    S_SEGREGATION_VELOCITY,
-    S_DILATION,
-    S_RELATIVE_DILATION,
-    S_MIXING,
-    S_PROPORTION,
-    S_APERTURE,
-    S_OPEN_AREA,
-    S_RIM,
-    S_PASSING_TIME,
-    S_DRIFT,
-    S_DAMPING,
-    S_LIFT,
-    S_STIRRING,
-    S_CALMING,
-    S_DEPLETION,
-    S_LEVELLING,
-    S_LOOSENING,
-    S_FREQUENCY,
-    S_AMPLITUDE,
-    S_THROW_ANGLE,
-    S_ELLIPTICITY,
-    S_INCLINATION,
-    S_THROW_NUMBER,
-    S_TRANSPORT_VELOCITY,
-    S_DISSIPATION,
-    S_TRANSPORT_STATUS,
-    S_HORIZON,
-    S_LAYER_FULL,
-    S_BED_LOAD,
-    S_COVER,
-) = range(len(SCENE))
-FIXED_SCENE = S_LAYER_FULL
+FIXED_SCENE = SCENE.index("layer_full")
 
 # Book-keeping of one deck.
-DECK = (
+DECK = Record(
     "packages",
     "cells",
     "cohort_on",
@@ -249,38 +171,28 @@ DECK = (
     "first_pace",
     "share",
     "capacity_alarm",
+    whole=(
+        "packages",
+        "cells",
+        "leaders",
+        "lead_panel",
+        "knots",
+        "knot",
+        "lead_layers",
+        "partial_layers",
+        "order",
+        "rows",
+    ),
 )
-(
-    D_PACKAGES,
-    D_CELLS,
-    D_COHORT_ON,
-    D_COHORT_FRONT,
-    D_COHORT_FED,
-    D_COVERED,
-    D_LEADERS,
-    D_LEAD_PANEL,
-    D_KNOTS,
-    D_KNOT,
-    D_PILE_OPEN,
-    D_PILE_REAR,
-    D_LEAD_LAYERS,
-    D_PARTIAL_LAYERS,
-    D_STEP,
-    D_ORDER,
-    D_PACE,
-    D_WIDE,
-    D_ROWS,
-    D_FIRST_PACE,
-    D_SHARE,
-    D_CAPACITY_ALARM,
-) = range(len(DECK))
 
 # What an instance remembers besides.
-MEMORY = ("settled", "unread")
-M_SETTLED, M_UNREAD = range(len(MEMORY))
+MEMORY = Record(
+    "settled",
+    "unread",
+)
 
 # What was done and what was skipped.
-COUNTER = (
+COUNTER = Record(
     "steps",
     "steady_steps",
     "displacement_solutions",
@@ -302,31 +214,9 @@ COUNTER = (
     "cohorts_followed",
     "partitions",
 )
-(
-    C_STEPS,
-    C_STEADY_STEPS,
-    C_DISPLACEMENT,
-    C_PACKAGES,
-    C_PACKAGES_SKIPPED,
-    C_COLUMN_STEPS,
-    C_COLUMN_REJECTED,
-    C_COLUMN_FORCED,
-    C_PAIR_STEPS,
-    C_CHAIN_STEPS,
-    C_STABILISED_STEPS,
-    C_LANDINGS,
-    C_RATES,
-    C_SUB_STEPS,
-    C_COARSE_SKIPPED,
-    C_EMPTY_SKIPPED,
-    C_USED_UP_SKIPPED,
-    C_MERGES,
-    C_FOLLOWED,
-    C_PARTITIONS,
-) = range(len(COUNTER))
 
 # What may be left out, each with its counter; 1 = on (the default), 0 = off.
-SWITCH = (
+SWITCH = Record(
     "coarse_sizes",
     "empty_sizes",
     "used_up_sizes",
@@ -338,18 +228,6 @@ SWITCH = (
     "displacement",
     "partition",
 )
-(
-    W_COARSE,
-    W_EMPTY,
-    W_USED_UP,
-    W_EXPLICIT,
-    W_IDLE,
-    W_SHARED,
-    W_CLOSED,
-    W_STEADY,
-    W_DISPLACEMENT,
-    W_PARTITION,
-) = range(len(SWITCH))
 
 # Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.
 # Cumulative masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
@@ -359,10 +237,10 @@ FED, UNDER, OVER = 0, 1, 2
 ACCEPTED = 0
 NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP, NO_MODEL, NO_VELOCITY = 1, 2, 3, 4, 5, 6, 7
 NO_CONVEYING, NO_FEED = 8, 9  # of a steady solution
-R_CODE, R_INDEX, R_VALUE, R_LIMIT = range(4)
+REFUSAL = Record("code", "index", "value", "limit")
 
 # What a steady solution gives besides the class rates of its streams.
-FIGURE = (
+FIGURE = Record(
     "code",
     "index",
     "value",
@@ -374,44 +252,31 @@ FIGURE = (
     "cut_size",
     "ecart_probable",
 )
-(
-    F_CODE,
-    F_INDEX,
-    F_VALUE,
-    F_LIMIT,
-    F_VELOCITY,
-    F_RESIDENCE,
-    F_HOLD_UP,
-    F_RECOVERY,
-    F_CUT_SIZE,
-    F_ECART,
-) = range(len(FIGURE))
 
 MAX_ORDER = 8
 MAX_HARMONICS = 4
 DISPLACEMENT_RESULT = 7
-REFUSAL = 4
 
 # --- fields: name and shape in terms of the dimensions ------------------------------------------
-SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
+SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
     "parameters": {
-        "parameter": (len(PARAMETER),),
+        "parameter": (PARAMETER,),
         "lower": ("classes",),
         "upper": ("classes",),
         "width": ("decks",),
-        "panel": ("decks", "panels", len(PANEL)),
+        "panel": ("decks", "panels", PANEL),
     },
-    "inputs": {"input": (len(INPUT),), "fraction": ("classes",)},
+    "inputs": {"input": (INPUT,), "fraction": ("classes",)},
     "outputs": {
-        "output": (len(OUTPUT),),
+        "output": (OUTPUT,),
         "undersize_fraction": ("classes",),
         "oversize_fraction": ("classes",),
-        "intermediate": ("lower_decks", len(INTERMEDIATE)),
+        "intermediate": ("lower_decks", INTERMEDIATE),
         "intermediate_fraction": ("lower_decks", "classes"),
-        "deck_bed": ("decks", len(DECK_BED)),
+        "deck_bed": ("decks", DECK_BED),
     },
     "constants": {
-        "switch": (len(SWITCH),),
+        "switch": (SWITCH,),
         # 1: the composition inside a layer is linear, not even (`bed.reconstruction`)
         "reconstruction": (1,),
         # 1: u, and w, follow from the vibration (`passage.closure`, `segregation.closure`)
@@ -428,18 +293,18 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "passage_factor": ("decks", "panels"),
     },
     "state": {
-        "counter": (len(COUNTER),),
+        "counter": (COUNTER,),
         "ledger": ("ledger_rows", "classes"),
         "initial_mass": ("classes",),
         "held": ("classes",),
         "steady_rate": ("streams", "classes"),
-        "memory": (len(MEMORY),),
+        "memory": (MEMORY,),
         # of the last step: undersize of every deck, then oversize of every deck, kg
         "step_mass": ("deck_streams", "nodes"),
         "last_seen": ("seen",),
         "feed_fraction": ("nodes",),
-        "scene": ("decks", "panels", len(SCENE)),
-        "deck": ("decks", len(DECK)),
+        "scene": ("decks", "panels", SCENE),
+        "deck": ("decks", DECK),
         "queue": ("decks", "packages"),
         "cell": ("decks", "packages"),
         "free": ("decks", "packages"),
@@ -472,7 +337,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int, ...]]] = {
         "refusal": (REFUSAL,),
         "seen_now": ("seen",),
         "slope": ("edges",),
-        "scene_now": ("decks", "panels", len(SCENE)),
+        "scene_now": ("decks", "panels", SCENE),
         "motion_harmonic": (1 + MAX_HARMONICS, 5),
         "displacement_result": (DISPLACEMENT_RESULT,),
         "drive_setting": (5,),
@@ -574,8 +439,20 @@ DIMENSION = (
     PASSAGE_ADDRESS,
     SEGREGATION_ADDRESS,
 ) = range(len(DIMENSION))
+KINDS = {
+    name: symbols[-1]
+    for fields in SECTIONS.values()
+    for name, symbols in fields.items()
+    if isinstance(symbols[-1], Record)
+}
 FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
+
+
+def _extent(known: Mapping[str, int], symbol: str | int | Record) -> int:
+    if isinstance(symbol, Record):
+        return len(symbol)
+    return known[symbol] if isinstance(symbol, str) else symbol
 
 
 @dataclass(frozen=True)
@@ -604,7 +481,7 @@ class Layout:
         )
         known["all_panels"] = known["decks"] * known["panels"]
         known["setting"] = sum(
-            prod(known[s] if isinstance(s, str) else s for s in symbols)
+            prod(_extent(known, symbol) for symbol in symbols)
             for title in ("parameters", "inputs")
             for symbols in SECTIONS[title].values()
         )
@@ -625,7 +502,7 @@ class Layout:
         for title, fields in SECTIONS.items():
             start = position
             for name, symbols in fields.items():
-                shape[name] = tuple(known[s] if isinstance(s, str) else s for s in symbols)
+                shape[name] = tuple(_extent(known, symbol) for symbol in symbols)
                 offset[name] = position
                 position += prod(shape[name])
                 span[name] = slice(offset[name], position)
@@ -654,6 +531,15 @@ class Layout:
     def view(self, buffer: np.ndarray, name: str) -> np.ndarray:
         """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
         return buffer[self.span[name]].reshape(self.shape[name])
+
+    def record(self, buffer: np.ndarray, name: str) -> Any:
+        """The record `name` of `buffer`, or an array of them: `.aperture` reads and writes it."""
+        kind = KINDS[name]
+        *extents, _ = self.shape[name]
+        if not extents:
+            return Row(buffer, self.offset[name], kind)
+        rows = buffer[self.span[name]].view(np.dtype((np.record, kind.dtype)))
+        return rows.reshape(extents).view(np.recarray)
 
 
 # Places in the header that hold the offsets of the fields.
@@ -787,21 +673,71 @@ def package_vector(buffer, at, deck):
 
 
 @kernel
-def deck_vector(buffer, deck):
-    """Book-keeping of a deck, indices D_*."""
-    return vector(buffer, AT_DECK, len(DECK), deck)
+def parameters(buffer):
+    """Parameters of the screen that are one number."""
+    return record(buffer, int(buffer[AT_PARAMETER]), PARAMETER)
 
 
 @kernel
-def scene_vector(buffer, at, deck, panel):
-    """Scene of a panel, indices S_*."""
-    return vector(buffer, at, len(SCENE), deck * int(buffer[N_PANELS]) + panel)
+def inputs(buffer):
+    """Inputs that are one number."""
+    return record(buffer, int(buffer[AT_INPUT]), INPUT)
 
 
 @kernel
-def panel_vector(buffer, deck, panel):
-    """Parameters of a panel, indices LENGTH to VELOCITY_FACTOR."""
-    return vector(buffer, AT_PANEL, len(PANEL), deck * int(buffer[N_PANELS]) + panel)
+def outputs(buffer):
+    """Outputs that are one number."""
+    return record(buffer, int(buffer[AT_OUTPUT]), OUTPUT)
+
+
+@kernel
+def intermediate(buffer, deck):
+    """Outputs of the stream over the deck below deck `deck`."""
+    return record(buffer, int(buffer[AT_INTERMEDIATE]) + deck * len(INTERMEDIATE), INTERMEDIATE)
+
+
+@kernel
+def switches(buffer):
+    """What may be left out."""
+    return record(buffer, int(buffer[AT_SWITCH]), SWITCH)
+
+
+@kernel
+def counters(buffer):
+    """What was done and what was skipped."""
+    return record(buffer, int(buffer[AT_COUNTER]), COUNTER)
+
+
+@kernel
+def memory(buffer):
+    """What an instance remembers besides."""
+    return record(buffer, int(buffer[AT_MEMORY]), MEMORY)
+
+
+@kernel
+def refusal(buffer):
+    """Why a step was refused."""
+    return record(buffer, int(buffer[AT_REFUSAL]), REFUSAL)
+
+
+@kernel
+def book(buffer, deck):
+    """Book-keeping of a deck."""
+    return record(buffer, int(buffer[AT_DECK]) + deck * len(DECK), DECK)
+
+
+@kernel
+def scene(buffer, at, deck, panel):
+    """Scene of a panel."""
+    row = deck * int(buffer[N_PANELS]) + panel
+    return record(buffer, int(buffer[at]) + row * len(SCENE), SCENE)
+
+
+@kernel
+def panel(buffer, deck, panel):
+    """Parameters of a panel."""
+    row = deck * int(buffer[N_PANELS]) + panel
+    return record(buffer, int(buffer[AT_PANEL]) + row * len(PANEL), PANEL)
 
 
 @kernel
