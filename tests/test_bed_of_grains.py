@@ -15,7 +15,6 @@ from vibroscreen import Screen, ScreenConfig
 from vibroscreen.config import Deck, Displacement, Material, Panel
 from vibroscreen.errors import InputError
 from vibroscreen.kernels import displacement
-from vibroscreen.kernels import state
 from vibroscreen.motion import ConveyingRegime, Motion, conveying_regime, transport_velocity
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, GRAVITY
@@ -270,8 +269,8 @@ def test_screen_moves_its_bed_at_the_velocity_of_the_model() -> None:
     one = screen(18.0 * DEG, AGAINST_FLOW)
     one.step(20.0)
     regime: ConveyingRegime = conveying_regime(AGAINST_FLOW, 18.0 * DEG, 0.5, "bed")
-    output = one.view("output")
-    assert one.view("deck_bed")[0].transport_velocity == regime.velocity > 0.3
+    output = one.record("output")
+    assert one.record("deck_bed")[0].transport_velocity == regime.velocity > 0.3
     assert output.drive_power > 0.0
     assert output.alarm_transport == 0.0
 
@@ -280,16 +279,16 @@ def test_steep_deck_conveys_with_an_alarm() -> None:
     with pytest.warns(UserWarning, match="take its velocity as a guess"):
         one = screen(20.0 * DEG, AGAINST_FLOW, friction=0.3)
     one.step(5.0)
-    assert 0.5 < one.view("deck_bed")[0].transport_velocity < 3.0
-    assert one.view("output").alarm_transport == 1.0
+    assert 0.5 < one.record("deck_bed")[0].transport_velocity < 3.0
+    assert one.record("output").alarm_transport == 1.0
 
 
 def test_deck_that_conveys_uphill_stops_its_bed() -> None:
     one = screen(0.0, AGAINST_FLOW)
     one.step(5.0)
     assert velocity(AGAINST_FLOW) < 0.0
-    assert one.view("deck_bed")[0].transport_velocity == 0.0
-    assert one.view("output").alarm_transport == 1.0
+    assert one.record("deck_bed")[0].transport_velocity == 0.0
+    assert one.record("output").alarm_transport == 1.0
 
 
 def test_unknown_model_names_the_known_ones() -> None:

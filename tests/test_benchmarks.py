@@ -24,8 +24,7 @@ from tests.benchmarks.baseline import (
 )
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Segregation, Solver
-from vibroscreen.kernels import state
-from vibroscreen.kernels import library
+from vibroscreen.kernels import library, state
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()

@@ -38,12 +38,12 @@ def check_signs(screen: Screen) -> None:
         assert field.min() >= 0.0, name
     output = screen.view("output")
     assert np.isfinite(screen.buffer[lay_.section["outputs"]]).all()
-    assert output[: state.DEPTH_DISCHARGE + 1].min() >= 0.0
+    assert output[: state.OUTPUT.index("depth_discharge") + 1].min() >= 0.0
     for name in ("undersize_fraction", "oversize_fraction"):
         fraction = screen.view(name)
         assert fraction.min() >= 0.0
         assert abs(fraction.sum() - 1.0) < 1e-9
-    book = screen.view("deck")[0]
+    book = screen.record("deck")[0]
     assert book.packages + book.cells <= lay_.dimension["packages"]
 
 
@@ -63,7 +63,7 @@ def check_closed(screen: Screen) -> None:
 
 def random_step(screen: Screen, rng: np.random.Generator) -> float:
     """Change some inputs at random and draw a step; zeros are among all of them."""
-    inputs, fraction = screen.view("input"), screen.view("fraction")
+    inputs, fraction = screen.record("input"), screen.view("fraction")
     if rng.random() < 0.6:
         share = rng.random(fraction.size) * (rng.random(fraction.size) < 0.8)
         share[rng.integers(fraction.size)] += 0.1
@@ -86,7 +86,7 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
         dt = random_step(screen, rng)
         screen.advance(dt)
         check_signs(screen)
-        fed += screen.view("fraction") * screen.view("input").feed_rate * dt
+        fed += screen.view("fraction") * screen.record("input").feed_rate * dt
     check_closed(screen)
     assert screen.balance().fed.to_numpy() == pytest.approx(fed, rel=1e-9)
     empty(screen)
@@ -101,7 +101,7 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
 
 
 def empty(screen: Screen) -> None:
-    inputs = screen.view("input")
+    inputs = screen.record("input")
     inputs.feed_rate, inputs.frequency, inputs.amplitude = 0.0, 15.5, 0.005
     inputs.displacement_velocity = 0.3
     inputs.throw_angle, inputs.ellipticity = 0.8, 0.0
@@ -144,7 +144,7 @@ def test_little_room_for_packages_merges_and_closes() -> None:
 def test_many_changes_in_small_steps() -> None:
     """Packages shorter than a cell collect: the queue does not outgrow its room."""
     screen = small_screen(displacement=Displacement("prescribed", 0.2))
-    inputs = screen.view("input")
+    inputs = screen.record("input")
     for k in range(3000):
         inputs.feed_rate = 40.0 + k % 7
         screen.advance(0.05)
@@ -170,7 +170,7 @@ def test_a_vibrating_deck_that_does_not_convey_runs_dry(model: str) -> None:
         passage=Passage("pelevin", velocity=1.0),
         feed=Feed(80.0, (0.6, 0.4, 0.0, 0.0, 0.0, 0.0)),
     )
-    inputs = screen.view("input")
+    inputs = screen.record("input")
     screen.advance(5.0)
     inputs.feed_rate = inputs.displacement_velocity = 0.0
     for _ in range(3000):
@@ -186,11 +186,14 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
         displacement=Displacement("prescribed", 0.3), segregation=Segregation(model)
     )
     share = (0.1, 0.1, 0.2, 0.1, 0.2, 0.3)
-    rates, velocity = Feed(50.0, share), screen.view("input")[state.DISPLACEMENT_VELOCITY :]
+    rates, velocity = (
+        Feed(50.0, share),
+        screen.view("input")[state.INPUT.index("displacement_velocity") :],
+    )
     screen.step(40.0, rates)
     before = screen.result()
     # the drive stops: nothing moves, nothing passes, the feed still falls
-    screen.view("input").frequency = 0.0
+    screen.record("input").frequency = 0.0
     for _ in range(10):
         still = screen.step(3.0, rates)
         assert still.undersize.mass_flow_rate == still.oversize.mass_flow_rate == 0.0
@@ -198,7 +201,7 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
     assert still.hold_up == pytest.approx(before.hold_up + 50.0 * 30.0, rel=1e-12)
     assert still.depth_feed > 10.0 * before.depth_feed
     # it starts again without feed: the pile rides down and leaves
-    screen.view("input").frequency = 15.5
+    screen.record("input").frequency = 15.5
     velocity[0] = 0.3
     flow = [screen.step(1.0, Feed(0.0)) for _ in range(30)]
     check_closed(screen)
@@ -225,7 +228,7 @@ def test_last_package_leaves_when_steps_divide_the_residence_time(
             result = screen.step(dt, Feed(0.0))
         assert result.depth_discharge == 0.0
         assert result.hold_up == 0.0
-        assert screen.view("deck")[0].packages <= 1.0
+        assert screen.record("deck")[0].packages <= 1.0
 
 
 def test_steps_do_not_allocate() -> None:
@@ -234,7 +237,7 @@ def test_steps_do_not_allocate() -> None:
     steps = [random_step(screen, rng) for _ in range(300)]
 
     def run() -> None:
-        inputs = screen.view("input")
+        inputs = screen.record("input")
         for k, dt in enumerate(steps):
             inputs.feed_rate = 50.0 * (k % 3)
             screen.advance(dt)

@@ -12,8 +12,7 @@ from tests.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
-from vibroscreen.kernels import state
-from vibroscreen.kernels import package, rates, schemes
+from vibroscreen.kernels import package, rates, schemes, state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.size_classes import SizeClasses
@@ -172,12 +171,12 @@ def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(screen_module, "LEAST_CELLS", cells)
         screen = Screen(config)
         assert screen.layout.dimension["cells"] == cells
-        screen.view("parameter").tolerance = 1e-8
+        screen.record("parameter").tolerance = 1e-8
         screen.switch(closed_cohorts=False)  # they average nothing
-        frequency = screen.view("input")[state.FREQUENCY : state.FREQUENCY + 1]
+        inputs = screen.record("input")
         rows = []
         for k in range(20):
-            frequency[0] = 15.5 + 0.8 * np.sin(1.3 * k)
+            inputs.frequency = 15.5 + 0.8 * np.sin(1.3 * k)
             screen.advance(2.0)
             rows.append(screen.balance().undersize.to_numpy())
         return np.array(rows) / screen.balance().fed.to_numpy()
@@ -210,7 +209,7 @@ def test_steps_go_past_layers_that_run_out() -> None:
         )
         recovery = screen.solve_steady().recovery
         layout, buffer = screen._slice()
-        counter = layout.view(buffer, "counter")
+        counter = layout.record(buffer, "counter")
         return recovery, counter.column_steps, counter.landings
 
     for count in layers:

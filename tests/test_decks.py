@@ -211,7 +211,7 @@ def test_panels_against_the_exact_solution(name: str, tolerance: float) -> None:
     assert 0.05 < exact[2] < 0.999
     assert screen.solve_steady().recovery == pytest.approx(exact, abs=tolerance)
     screen.advance(100.0)
-    assert screen.view("deck")[0].covered == 1.0
+    assert screen.record("deck")[0].covered == 1.0
     screen.advance(1.0)
     rates = screen.result().undersize.class_rates / config.feed.class_rates
     assert rates == pytest.approx(exact, abs=tolerance)
@@ -289,7 +289,7 @@ def test_steps_reach_the_steady_state_of_all_decks(name: str, dt: float) -> None
     slowest = sum(max(p.length / (0.3 * p.velocity_factor) for p in d.panels) for d in config.decks)
     for _ in range(int(3.0 * slowest / dt) + 2):
         result = screen.step(dt)
-    assert (screen.view("deck")[:].covered == 1.0).all()
+    assert (screen.record("deck")[:].covered == 1.0).all()
     allowed = 1e-4 * config.feed.class_rates
     pairs = [(result.undersize, steady.undersize), (result.oversize, steady.oversize)]
     pairs += zip(result.intermediate, steady.intermediate, strict=True)
@@ -326,7 +326,7 @@ def transient(config: ScreenConfig, dt: float) -> np.ndarray:
     screen, rows = Screen(config), []
     plan = [(60.0, 0.3), (60.0, 0.3), (90.0, 0.3), (90.0, 0.45), (0.0, 0.45), (40.0, 0.2)]
     for rate, velocity in plan:
-        inputs = screen.view("input")
+        inputs = screen.record("input")
         inputs.feed_rate, inputs.displacement_velocity = rate, velocity
         for _ in range(round(20.0 / dt)):
             screen.advance(dt)
@@ -383,7 +383,7 @@ def random_box(rng: np.random.Generator, model: str) -> ScreenConfig:
 
 def random_panel(screen: Screen, rng: np.random.Generator) -> None:
     """Change a panel while the screen runs; sometimes one does not convey."""
-    panels = screen.view("panel")
+    panels = screen.record("panel")
     d = rng.integers(len(screen.config.decks))
     here = panels[d, rng.integers(len(screen.config.decks[d].panels))]
     here.open_area, here.inclination = rng.uniform(0.0, 0.7), rng.uniform(0.0, 0.4)
@@ -398,10 +398,10 @@ def check_decks(screen: Screen) -> None:
         field = screen.view(name)
         assert np.isfinite(field).all(), name
         assert (field >= 0.0).all(), name
-    book = screen.view("deck")
+    book = screen.record("deck")
     used = book[:].packages + book[:].cells
     assert used.max() <= screen.layout.dimension["packages"]
-    held = screen.view("deck_bed")[:].hold_up.sum()
+    held = screen.record("deck_bed")[:].hold_up.sum()
     assert held == pytest.approx(screen.balance().held.sum(), rel=1e-12, abs=1e-12)
     check_closed(screen)
 
@@ -416,12 +416,12 @@ def test_random_boxes_and_steps(model: str, seed: int) -> None:
         if rng.random() < 0.2:
             random_panel(screen, rng)
         dt = 10.0 ** rng.uniform(-3.0, np.log10(longest))
-        if (screen.view("scene")[:, 0].transport_velocity > 0.01).all():
+        if (screen.record("scene")[:, 0].transport_velocity > 0.01).all():
             # Steps of hours of a deck that creeps above one that does not take long.
             dt *= rng.choice([1.0, 90.0])
         screen.advance(dt)
         check_decks(screen)
-    factor = screen.view("panel")[...].velocity_factor
+    factor = screen.record("panel")[...].velocity_factor
     factor[factor < 0.3] = 1.0
     empty(screen)
     check_decks(screen)
@@ -435,9 +435,9 @@ def test_round_off_of_the_moment_in_which_a_deck_becomes_steady(model: str, fact
     """What it leaves is no rate: a step of 1 ms sets the rates, one of 10 h multiplies them."""
     screen = Screen(screen_of(plain(0.020), plain(0.010, factor), model=model))
     screen.advance(20.0)
-    while screen.view("deck")[1].covered == 0.0:
-        on, front = screen.view("deck")[1, [state.D_COHORT_ON].cohort_front]
-        screen.advance(20.0 / factor - on * front)
+    while screen.record("deck")[1].covered == 0.0:
+        book = screen.record("deck")[1]
+        screen.advance(20.0 / factor - book.cohort_on * book.cohort_front)
     for dt in (1e-3, 36_000.0):
         screen.advance(dt)
         check_decks(screen)
@@ -448,7 +448,7 @@ def test_steps_of_a_millisecond_on_decks_that_creep() -> None:
     """What lands within a part of 1e-9 of the time in which a package rides its own length."""
     screen = Screen(screen_of(plain(0.020), plain(0.010, 0.5), solver=Solver(1e-2)))
     screen.advance(30.0)
-    screen.view("input").displacement_velocity = 1e-8
+    screen.record("input").displacement_velocity = 1e-8
     for _ in range(20):
         before = screen.balance().undersize.sum()
         screen.advance(1e-3)
@@ -501,7 +501,7 @@ def test_restored_box_continues_bit_for_bit(name: str) -> None:
     # and in the midst of a lower deck that becomes steady
     one.initialise()
     one.step(27.0)
-    assert one.view("deck")[1].covered == 0.0
+    assert one.record("deck")[1].covered == 0.0
     other.state = one.state
     for dt in (0.4, 3.0, 60.0):
         one.step(dt)
@@ -528,7 +528,7 @@ def test_initially_steady_box_starts_and_stays_there(name: str) -> None:
 
 # --- decks that stand still --------------------------------------------------------------------
 def factor_of(screen: Screen, deck: int, number: int, factor: float) -> None:
-    screen.view("panel")[deck, number].velocity_factor = factor
+    screen.record("panel")[deck, number].velocity_factor = factor
 
 
 @pytest.mark.parametrize("model", ["rigid_body", "bed"])
@@ -577,7 +577,7 @@ def test_panel_against_the_slope_stops_its_deck_and_says_so() -> None:
     slow = Motion.linear(0.005, 12.0, 45.0 * DEG)
     assert "alarm.transport" not in screen.step(5.0, None, slow).alarms
     # steeper than the shaking can carry it up: the bed would slide back
-    screen.view("panel")[1, 1].inclination = -26.0 * DEG
+    screen.record("panel")[1, 1].inclination = -26.0 * DEG
     now = screen.step(5.0)
     assert "alarm.transport" in now.alarms
     assert now.decks[1].transport_velocity == 0.0
@@ -592,7 +592,7 @@ def test_lower_deck_that_stands_still_keeps_what_falls_where_it_falls(dt: float)
     screen.advance(40.0)
     factor_of(screen, 1, 0, 0.0)
     screen.advance(0.5)
-    start = screen.view("deck_bed")[:].hold_up.copy()
+    start = screen.record("deck_bed")[:].hold_up.copy()
     loads = []
     for _ in range(2):
         loads.append(lower_loads(screen))
@@ -608,7 +608,7 @@ def test_lower_deck_that_stands_still_keeps_what_falls_where_it_falls(dt: float)
     assert grown == pytest.approx(80.0 * passed[1:], rel=2e-2, abs=2.0)
     rate = screen.result().intermediate[0].mass_flow_rate
     assert rate == 0.0
-    assert screen.view("deck_bed")[1].hold_up > start[1] + 1000.0
+    assert screen.record("deck_bed")[1].hold_up > start[1] + 1000.0
     factor_of(screen, 1, 0, 1.0)
     screen.step(100.0, Feed(0.0))
     check_decks(screen)
@@ -617,7 +617,7 @@ def test_lower_deck_that_stands_still_keeps_what_falls_where_it_falls(dt: float)
 
 def lower_loads(screen: Screen) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the packages of the lower deck from the feed end, m, and what lies on each, kg."""
-    book = screen.view("deck")[1]
+    book = screen.record("deck")[1]
     queue = screen.view("queue")[1, : int(book.packages)].astype(int)[::-1]
     length = screen.view("length")[1][queue]
     mass = 2.4 * length * screen.view("load")[1][queue].sum(axis=(1, 2))

@@ -32,8 +32,7 @@ import vibroscreen
 import vibroscreen_fmu
 from vibroscreen.config import Bed, ScreenConfig, Solver
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels import state
-from vibroscreen.kernels import registry
+from vibroscreen.kernels import registry, state
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
@@ -553,13 +552,13 @@ def engine_place(name: str) -> tuple[str, int]:
     if name.startswith("feed.mass_fraction["):
         return "fraction", int(name[len("feed.mass_fraction[") : -1]) - 1
     scalar = {
-        "feed.mass_flow_rate": state.FEED_RATE,
-        "motion.frequency": state.FREQUENCY,
-        "motion.amplitude": state.AMPLITUDE,
-        "motion.ellipticity": state.ELLIPTICITY,
-        "motion.throw_angle": state.THROW_ANGLE,
+        "feed.mass_flow_rate": "feed_rate",
+        "motion.frequency": "frequency",
+        "motion.amplitude": "amplitude",
+        "motion.ellipticity": "ellipticity",
+        "motion.throw_angle": "throw_angle",
     }
-    return "input", scalar[name]
+    return "input", state.INPUT.index(scalar[name])
 
 
 def test_streams_are_those_of_the_engine_bit_for_bit(screen: Instance) -> None:
@@ -576,7 +575,7 @@ def test_streams_are_those_of_the_engine_bit_for_bit(screen: Instance) -> None:
         duration = float(10.0 ** rng.uniform(np.log10(0.05), np.log10(60.0)))
         screen.step(duration)
         plain.advance(duration)
-        output = plain.view("output")
+        output = plain.record("output")
         expected = [
             output.undersize_rate,
             *plain.view("undersize_fraction"),
@@ -591,7 +590,7 @@ def test_streams_are_those_of_the_engine_bit_for_bit(screen: Instance) -> None:
     expected = [
         result.hold_up,
         result.drive_power,
-        plain.view("output").undersize_mass,
+        plain.record("output").undersize_mass,
         result.balance_error,
     ]
     assert screen.get(scalars) == expected
@@ -658,7 +657,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             if rng.random() < 0.1:
                 area = float(rng.uniform(0.2, 0.6))
                 changes[f"deck[{deck}].panel[{panel}].open_area"] = area
-                plain.view("panel")[deck - 1, panel - 1].open_area = area
+                plain.record("panel")[deck - 1, panel - 1].open_area = area
         if changes:
             lower.set(changes)
         duration = float(10.0 ** rng.uniform(np.log10(0.05), np.log10(60.0)))
@@ -670,7 +669,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             "undersize.mass_flow_rate": result.undersize.mass_flow_rate,
             "oversize.mass_flow_rate": result.oversize.mass_flow_rate,
             "intermediate[1].mass_flow_rate": result.intermediate[0].mass_flow_rate,
-            "intermediate[1].mass": float(plain.view("intermediate")[0].mass),
+            "intermediate[1].mass": float(plain.record("intermediate")[0].mass),
             "bed.hold_up": result.hold_up,
             "drive.power": result.drive_power,
             "performance.undersize_recovery": result.undersize_recovery,
@@ -791,7 +790,7 @@ def run_engine(config: ScreenConfig) -> list[float]:
     for _ in range(3):
         plain.advance(20.0)
     return [
-        float(plain.view("output").undersize_rate),
+        float(plain.record("output").undersize_rate),
         *plain.view("undersize_fraction").tolist(),
     ]
 
@@ -847,7 +846,7 @@ def test_tunable_parameters_count_from_the_next_step_on(screen: Instance) -> Non
     plain = Screen(ScreenConfig.default())
     for open_area in (0.55, 0.3, 0.6):
         screen.set({"deck[1].panel[1].open_area": open_area})
-        plain.view("panel")[0, 0].open_area = open_area
+        plain.record("panel")[0, 0].open_area = open_area
         screen.step(30.0)
         plain.advance(30.0)
         assert (

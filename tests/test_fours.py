@@ -15,8 +15,7 @@ from hypothesis.extra.numpy import arrays
 from numba.core.errors import TypingError
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.kernels import state
-from vibroscreen.kernels import rates
+from vibroscreen.kernels import rates, state
 from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.fours import (
     all_four,

@@ -14,8 +14,8 @@ from PIL import Image
 
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels.state import FEED_MASS, Layout
 from vibroscreen.kernels.registry import BUILT_IN
+from vibroscreen.kernels.state import FEED_MASS, Layout
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM

@@ -17,7 +17,6 @@ import pytest
 from lxml import etree
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.kernels import state
 from vibroscreen.screen import Screen
 from vibroscreen_fmu.documentation import index_html
 from vibroscreen_fmu.package import write_fmu
@@ -172,9 +171,9 @@ def test_a_host_that_is_not_python(unzipped: Path, tmp_path: Path) -> None:
     assert all(line.startswith("3 logStatusError feed.mass_flow_rate = -1") for line in refused)
     screen = Screen(ScreenConfig.default())
     screen.advance(10.0)
-    screen.view("input").feed_rate = 80.0
+    screen.record("input").feed_rate = 80.0
     screen.advance(1.0)
-    assert float(value) == screen.view("output").undersize_rate
+    assert float(value) == screen.record("output").undersize_rate
 
 
 # --- the page ------------------------------------------------------------------------------------

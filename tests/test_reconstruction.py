@@ -10,7 +10,6 @@ import pytest
 from tests.benchmarks import work_precision as bench
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Bed, Segregation, Solver
-from vibroscreen.kernels import state
 
 LAYERS = (16, 32, 64)
 TOLERANCE = 1e-4
@@ -54,7 +53,7 @@ def test_classes_and_full_layers_are_kept(scene: bench.ColumnScene) -> None:
 def test_full_column_takes_no_implicit_step(scene: bench.ColumnScene) -> None:
     column = followed(scene, 32, "linear")
     layout, buffer = bench.slice_of(column.screen)
-    assert layout.view(buffer, "counter").sub_steps == 0.0
+    assert layout.record(buffer, "counter").sub_steps == 0.0
 
 
 def deck(reconstruction: str | None, **bed: object) -> ScreenConfig:

@@ -16,7 +16,6 @@ from tests.benchmarks import stability as bench
 from tests.benchmarks.stability import CLOSURE, EDGES, MODELS, Scene, Step, deck_of, screen
 from vibroscreen import InputError, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement
-from vibroscreen.kernels import state
 from vibroscreen.units import DEG
 
 # What a tolerance may be missed by where one step or one kink decides (a single class, a deck of
@@ -219,7 +218,7 @@ def test_a_fast_deck_under_a_heavy_feed_becomes_steady() -> None:
     """Deeper than half the deck at 0.3 m/s: no pile that begins anew for ever."""
     one = Screen(screen(feed=1e4, model="well_mixed"))
     follow(one, (Step(36_000.0), Step(36_000.0)))
-    assert one.view("deck")[0].covered == 1.0
+    assert one.record("deck")[0].covered == 1.0
     assert one.counters()["packages_integrated"] < 10_000
     assert "alarm.capacity" not in one.result().alarms or one.result().depth_feed > 1.0
 
@@ -237,7 +236,7 @@ def test_pile_leaves_as_it_came(velocity: float) -> None:
 def test_negative_velocity_is_refused_and_nothing_changes() -> None:
     one = Screen(screen())
     one.advance(3.0)
-    one.view("input").displacement_velocity = -1e-3
+    one.record("input").displacement_velocity = -1e-3
     before = one.state
     with pytest.raises(InputError, match=r"displacement\.velocity = -0\.001 m/s is below"):
         one.advance(1.0)

@@ -11,7 +11,6 @@ import pytest
 
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
-from vibroscreen.kernels import state
 from vibroscreen.units import DEG
 
 from test_exact_solutions import (  # isort: skip
@@ -245,7 +244,7 @@ def test_change_of_velocity_against_the_closed_solution(tolerance: float) -> Non
     under, over = exact_transient(config)
     screen = Screen(config)
     screen.advance(SWITCH)
-    screen.view("input").displacement_velocity = VELOCITIES[1]
+    screen.record("input").displacement_velocity = VELOCITIES[1]
     screen.advance(END - SWITCH)
     balance = screen.balance()
     fed = config.feed.class_rates * END
@@ -261,7 +260,7 @@ def test_deck_that_stops_conveying_against_the_closed_solution(tolerance: float)
     config = scene(Feed(60.0, MIXED), tolerance=tolerance, velocity=0.3, contact_depth=0.01)
     screen = Screen(config)
     screen.advance(LENGTH / 0.3)
-    screen.view("input").displacement_velocity = 0.0
+    screen.record("input").displacement_velocity = 0.0
     screen.step(5.0, Feed(0.0))
     rates = config.feed.class_rates
     load = rates / (WIDTH * 0.3)
@@ -307,7 +306,7 @@ def test_restless_feed_and_velocity_against_the_closed_solution(tolerance: float
         screen = Screen(config)
         screen.switch(closed_cohorts=closed_cohorts)
         for k in range(steps):
-            screen.view("input").displacement_velocity = velocity[k]
+            screen.record("input").displacement_velocity = velocity[k]
             screen.step(1.0, Feed(feed[k], MIXED))
         balance = screen.balance()
         assert (abs(balance.undersize - under) <= tolerance * balance.fed).all()

@@ -10,7 +10,6 @@ from numba import njit
 
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Displacement, Passage, Segregation
-from vibroscreen.kernels import state
 from vibroscreen.kernels import registry
 from vibroscreen.kernels.segregation import gap_open_area, gap_radius
 

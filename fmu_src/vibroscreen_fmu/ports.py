@@ -17,6 +17,7 @@ import numpy as np
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
 from vibroscreen.kernels import registry
+from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.state import (
     DECK_BED,
     DIMENSION,
@@ -27,7 +28,6 @@ from vibroscreen.kernels.state import (
     PARAMETER,
     Layout,
 )
-from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
 from vibroscreen.screen import VARIABLE, fill, nodes_of
 from vibroscreen_fmu.port import Enumeration, Port, Steps

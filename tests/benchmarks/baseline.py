@@ -32,6 +32,8 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.passage import passage_probability
+from vibroscreen.kernels.segregation import layer_mass, segregate
 from vibroscreen.kernels.state import (
     S_CONTACT_LOAD,
     S_COVER,
@@ -41,8 +43,6 @@ from vibroscreen.kernels.state import (
     S_PASSAGE_VELOCITY,
     S_TRANSPORT_VELOCITY,
 )
-from vibroscreen.kernels.passage import passage_probability
-from vibroscreen.kernels.segregation import layer_mass, segregate
 from vibroscreen.screen import Inputs
 
 Array = NDArray[np.float64]
@@ -270,7 +270,7 @@ def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None =
         raise ValueError("the engine refuses these inputs")
     scene = layout.view(buffer, "scene")[0, 0].copy()
     scene[S_LAYER_FULL] = scene[S_LAYER_LOAD]
-    parameter = layout.view(buffer, "parameter")
+    parameter = layout.record(buffer, "parameter")
     dimension = layout.dimension
     choice = np.zeros(4)
     choice[LAW] = parameter.passage_law

@@ -40,7 +40,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
-from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -352,19 +351,19 @@ def broken(screen: Screen) -> list[str]:
 
 def put(screen: Screen, step: Step) -> None:
     """Write the inputs of a step."""
-    inputs = screen.view("input")
-    for place, value in (
-        (state.FEED_RATE, step.feed),
-        (state.DISPLACEMENT_VELOCITY, step.velocity),
-        (state.FREQUENCY, step.frequency),
+    inputs = screen.record("input")
+    for name, value in (
+        ("feed_rate", step.feed),
+        ("displacement_velocity", step.velocity),
+        ("frequency", step.frequency),
     ):
         if value is not None:
-            inputs[place] = value
+            setattr(inputs, name, value)
 
 
 def from_reference(screen: Screen) -> float:
     """Difference of the steady recovery to that at a tolerance of 1e-8, in tolerances."""
-    parameter = screen.view("parameter")
+    parameter = screen.record("parameter")
     tolerance = float(parameter.tolerance)
     ours = screen.solve_steady().recovery
     parameter.tolerance = REFERENCE
@@ -403,14 +402,14 @@ def stress(family: Sequence[Scene], tick: Callable[[], None]) -> Row:
 def refusals() -> dict[str, str]:
     """What becomes of beds that would convey upwards."""
     prescribed = Screen(screen())
-    prescribed.view("input").displacement_velocity = -0.1
+    prescribed.record("input").displacement_velocity = -0.1
     try:
         prescribed.advance(1.0)
         said = "accepted"
     except InputError as error:
         said = f"refused: {error}"
     rigid = Screen(screen().replace(displacement=Displacement("rigid_body")))
-    rigid.view("input").throw_angle = 135.0 * DEG
+    rigid.record("input").throw_angle = 135.0 * DEG
     rigid.advance(10.0)
     result = rigid.result()
     return {
@@ -517,7 +516,7 @@ def resident_mb() -> float:
 def soak(steps: int, tick: Callable[[int], None]) -> Row:
     """Random steps in blocks; what they show."""
     bath = Soak()
-    book = bath.screen.view("deck")[0]
+    book = bath.screen.record("deck")[0]
     row: Row = {"steps": steps, "balance": 0.0, "negative": 0.0, "packages": 0}
     done, start, traced = 0, time.perf_counter(), []
     while done < steps:

@@ -157,7 +157,7 @@ class Scene:
         if off:
             self.screen.view("switch")[state.SWITCH.index(off)] = 0.0
         self.rng = np.random.default_rng(1)
-        self.inputs, self.fraction = self.screen.view("input"), self.screen.view("fraction")
+        self.inputs, self.fraction = self.screen.record("input"), self.screen.view("fraction")
         self.parameter = self.screen.view("parameter")
         self.duty = np.array(config.feed.mass_fraction)
         self.full = self.residence_time = 0.0
@@ -184,12 +184,12 @@ class Scene:
         self.new_frequency()
         self.inputs.amplitude = self.near(self.config.motion.amplitude, 0.02)
         self.inputs.throw_angle = self.near(self.config.motion.throw_angle, 0.02)
-        for index, value in (
-            (state.PASSAGE_VELOCITY, self.config.passage.velocity),
-            (state.SEGREGATION_VELOCITY, self.config.segregation.velocity),
-            (state.SEGREGATION_DILATION, self.config.segregation.dilation),
+        for name, value in (
+            ("passage_velocity", self.config.passage.velocity),
+            ("segregation_velocity", self.config.segregation.velocity),
+            ("segregation_dilation", self.config.segregation.dilation),
         ):
-            self.parameter[index] = self.near(value, 0.02)
+            setattr(self.parameter, name, self.near(value, 0.02))
 
     def run_in(self, change: Callable[[], object] = lambda: None, steps: int = 60) -> Scene:
         """Steps that fill the decks."""
@@ -265,7 +265,7 @@ class Solution:
         self.config, self.screen, self.calls = config, Screen(config), 0
         self.recovery = self.screen.solve_steady().recovery
         self.layout, self.buffer = self.screen._slice()
-        self.inputs = self.layout.view(self.buffer, "input")
+        self.inputs = self.layout.record(self.buffer, "input")
         Inputs(self.layout, self.buffer).put(config.feed, config.motion)
 
     def nudge(self) -> None:
@@ -291,7 +291,7 @@ class Solution:
 
     def rates(self) -> float:
         """Evaluations of rates in a solution."""
-        counter = self.layout.view(self.buffer, "counter")
+        counter = self.layout.record(self.buffer, "counter")
         before = counter.rates
         self.bare()
         return float(counter.rates - before)
@@ -520,7 +520,7 @@ def skip_cost(skip: Skip, effort: Effort) -> Row:
             counted.append(scene.counted(10, change)[skip.counter])
             timed.append(Timed(scene.advance, change))
         scenes.append(scene)
-        output = scene.screen.view("output")
+        output = scene.screen.record("output")
         under = scene.screen.view("undersize_fraction") * output.undersize_rate
         rates.append(under / scene.config.feed.mass_flow_rate)
     on, off_ = in_turns(timed, max(5, effort.repeat // 4))

@@ -89,6 +89,9 @@ class Record(tuple[str, ...]):
         assert made.whole <= made.place.keys(), f"{sorted(made.whole)} are not all in {names}"
         return made
 
+    def __getnewargs_ex__(self) -> tuple[tuple[str, ...], dict[str, Any]]:
+        return tuple(self), {"whole": self.whole}
+
     def __repr__(self) -> str:
         return f"Record({', '.join(self)}; whole: {', '.join(sorted(self.whole))})"
 
