@@ -230,7 +230,7 @@ class RowSlave(Fmi2Slave):
         """Log a text for the host, in the category of its status; returns it as it is logged."""
         # A host may take the message for a format.
         message = _same_text(text.replace("%", " per cent"))
-        self.log(message, status, category=f"logStatus{status.name.capitalize()}")
+        self.log(message, status, category=_same_text(f"logStatus{status.name.capitalize()}"))
         return message
 
     # --- inside -------------------------------------------------------------------------------
