@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba.core.errors import TypingError
@@ -64,6 +64,7 @@ def everything(values, rows, out):
     return total(whole), largest(most)
 
 
+@settings(deadline=None)  # the first one compiles
 @given(numbers, numbers)
 def test_four_at_once_are_the_bits_of_one_after_another(first, second) -> None:
     """Against numpy, element by element; a sum is that of four sums side by side."""

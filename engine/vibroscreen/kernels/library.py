@@ -36,8 +36,9 @@ FOLDER = Path(__file__).parent
 STAMP = "engine.stamp"
 NATIVE = FOLDER.parent / "native"
 NO_KERNELS = ("__init__.py", "library.py", "registry.py")
-# What makes a library of what the kernels say.
-MAKERS = ("machine.py", "header.py", "fmi2.c", "fmi2.h", "place.h", "sheet.h")
+# What makes a library of what the kernels say; the C layer of FMUs.
+LAYER = ("fmi2.c", "fmi2.h", "place.h", "sheet.h")
+MAKERS = ("machine.py", "header.py", *LAYER)
 # Platforms by their folder in an FMU, and what a library is called there.
 HOSTS = {
     ("Linux", "x86_64"): "linux64",
@@ -58,7 +59,8 @@ def cache_folder() -> Path:
 
 def sources() -> list[Path]:
     """The files of the kernels, and of what compiles them and makes a library of them."""
-    found = [*FOLDER.glob("*.py"), *NATIVE.glob("*.*")]
+    beside = (NATIVE / name for name in MAKERS)
+    found = [*FOLDER.glob("*.py"), *(path for path in beside if path.exists())]
     return [path for path in found if path.name not in NO_KERNELS]
 
 

@@ -322,7 +322,7 @@ def native_sources(target: str) -> dict[str, bytes]:
     """The C layer of FMUs, with its header for a platform."""
     from vibroscreen.native import header
 
-    files = {name: (library.NATIVE / name).read_bytes() for name in header.SOURCES}
+    files = {name: (library.NATIVE / name).read_bytes() for name in library.LAYER}
     text = prototypes() + header.header("-".join(library.stamps()), library.SUFFIX[target])
     return {**files, "engine.h": text.encode()}
 

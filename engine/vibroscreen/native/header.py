@@ -18,7 +18,6 @@ from vibroscreen.kernels.segregation import EXCHANGE
 from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 
 FOLDER = Path(__file__).parent
-SOURCES = ("fmi2.c", "fmi2.h", "place.h", "sheet.h")
 SHEET_MARK, STATE_MARK = b"vsheet01", b"vscreen2"
 # Numbers of a screen. Sub-models of one's own: 1 where there is one, 0 where there is none.
 FAMILIES = ("displacement", "passage", "segregation")
