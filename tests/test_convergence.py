@@ -21,11 +21,12 @@ AREAL_MASS, TIME = 70.0, 2.0
 
 
 @compiled
-def march_explicit(buffer, scene_, layers, h, steps, scheme):
+def march_explicit(buffer, layers, h, steps, scheme):
     """Steps of one length of an explicit scheme, from the block NOW; five stages if stabilised.
 
     scheme: PAIR, STABILISED or the number of stages of the chain.
     """
+    scene_ = state.scene(buffer, state.AT_SCENE, 0, 0)
     for _ in range(steps):
         rates.column_rates(
             buffer, scene_, state.AT_STAGE, rates.NOW, layers, state.AT_STAGE, rates.K1, 0.0
@@ -40,8 +41,9 @@ def march_explicit(buffer, scene_, layers, h, steps, scheme):
 
 
 @compiled
-def march_implicit(buffer, scene_, layers, h, steps):
+def march_implicit(buffer, layers, h, steps):
     """The same of the implicit scheme, extrapolated to order 3."""
+    scene_ = state.scene(buffer, state.AT_SCENE, 0, 0)
     for _ in range(steps):
         for k in range(3):
             schemes.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
@@ -71,7 +73,7 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
     layout, buffer = Screen(config)._slice()
     run(buffer, START_SLICE, 0.0, 0.0)
     run(buffer, LAY_BATCH, AREAL_MASS, TIME)
-    load, scene_ = layout.view(buffer, "lead")[0], layout.view(buffer, "scene")[0, 0]
+    load, scene_ = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     reference = layout.view(buffer, "lead_feed")[0]
     first = load.copy()
     left, deep = exact_load(first[0], config.passage.velocity, config.bed.contact_depth, TIME)
@@ -83,9 +85,9 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
         rates.gather(buffer, scene_, load, reference, 1)
         rates.layers_for(buffer, scene_, first.sum())
         if scheme is None:
-            march_implicit(buffer, scene_, 1, TIME / steps, steps)
+            march_implicit(buffer, 1, TIME / steps, steps)
         else:
-            march_explicit(buffer, scene_, 1, TIME / steps, steps, scheme)
+            march_explicit(buffer, 1, TIME / steps, steps, scheme)
         rates.scatter(buffer, load, 1, 1, TIME)
         errors.append(float(np.abs(load[0] - left).max() / AREAL_MASS))
     assert errors[-1] > 1e-14  # still above round-off

@@ -29,7 +29,6 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels.state import TOLERANCE
 from vibroscreen.size_classes import SizeClasses
 
 RHO, WIDTH, LENGTH, APERTURE, OPEN_AREA = 1600.0, 2.0, 5.0, 0.016, 0.5
@@ -313,7 +312,7 @@ VARIATIONS = {
 def recovery_at(name: str, tolerance: float) -> np.ndarray:
     """With the same nodes at every tolerance: the error of the integration alone."""
     screen = Screen(dataclasses.replace(DEFAULT, **VARIATIONS[name]))
-    screen.view("parameter")[TOLERANCE] = tolerance
+    screen.record("parameter").tolerance = tolerance
     return screen.solve_steady().recovery
 
 
@@ -351,7 +350,7 @@ def test_engine_choice_of_nodes(classes: str, model: str, tolerance: float) -> N
             screen_classes, segregation=Segregation(model), solver=Solver(nodes_for)
         )
         screen = Screen(config)
-        screen.view("parameter")[TOLERANCE] = 1e-8  # of the solver, after the nodes are chosen
+        screen.record("parameter").tolerance = 1e-8  # of the solver, after the nodes are chosen
         return screen.solve_steady().recovery
 
     error = abs(recovery(SizeClasses(edges), tolerance) - recovery(SizeClasses(edges, 32), 1e-8))

@@ -128,7 +128,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     screen.switch(coarse_sizes=coarse)
     layout, buffer = screen._slice()
     run(buffer, START_SLICE, 0.0, 0.0)
-    load, scene = layout.view(buffer, "lead")[0], layout.view(buffer, "scene")[0, 0]
+    load, scene = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     layers = int(np.count_nonzero(load.sum(axis=1)))
     rates.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
     active, place = int(buffer[state.N_ACTIVE]), layout.view(buffer, "place")

@@ -489,8 +489,8 @@ def test_clean_under_valgrind(built: Callable[[str], Built], tmp_path: Path) -> 
 def square_root_passage(size, fraction, scene, probability) -> None:
     """Between the law of Gaudin and none."""
     for i in range(size.size):
-        ratio = size[i] / scene[7]  # S_APERTURE
-        probability[i] = scene[8] * (1.0 - ratio) if ratio < 1.0 else 0.0  # S_OPEN_AREA
+        ratio = size[i] / scene.aperture
+        probability[i] = scene.open_area * (1.0 - ratio) if ratio < 1.0 else 0.0
 
 
 def allocating_passage(size, fraction, scene, probability) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from vibroscreen import InputError, gaudin_probability, pelevin_probability
 from vibroscreen.kernels import state
+from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.passage import passage_probability
 
 
@@ -99,7 +100,7 @@ def test_pelevin_with_one_grain_tends_to_gaudin() -> None:
 def test_law_is_chosen_by_number(law: int, second: float) -> None:
     # dust and d = a/2, half each, phi = .6: Gaudin .6 and .15; Pelevin adds .5 x .6 x .15 for the
     # second beside dust (itself: no room)
-    scene = np.zeros(len(state.SCENE))
+    scene = Row(np.zeros(len(state.SCENE)), 0, state.SCENE)
     scene.aperture, scene.open_area = 0.016, 0.6
     out = np.zeros(2)
     passage_probability(law, 0, np.array([0.0, 0.008]), np.array([0.5, 0.5]), scene, out)

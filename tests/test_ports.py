@@ -15,7 +15,7 @@ from PIL import Image
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.registry import BUILT_IN
-from vibroscreen.kernels.state import FEED_MASS, Layout
+from vibroscreen.kernels.state import Layout
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
@@ -309,7 +309,7 @@ def test_shipped_screens_do_what_they_are_for(path: Path) -> None:
         result = screen.step(5.0)
     assert result.alarms == ()
     assert min(bed.transport_velocity for bed in result.decks) > 0.0
-    fed_mass = screen.view("output")[FEED_MASS]
+    fed_mass = screen.record("output").feed_mass
     assert abs(result.balance_error) <= 1e-12 * fed_mass
     for found, expected in zip(
         (result.undersize, result.oversize, *result.intermediate), streams, strict=True

@@ -52,9 +52,9 @@ def whole_state(screen: Screen) -> bytes:
 
 
 # --- refusals ----------------------------------------------------------------------------------
-def put(field: str, name: str, value: float):
+def put(field: str, name: str | int, value: float):
     """A refusal by a number written into the buffer, as an FMU does."""
-    index = state.KINDS[field].index(name)
+    index = name if isinstance(name, int) else state.KINDS[field].index(name)
     return lambda screen: screen.view(field).reshape(-1).__setitem__(index, value)
 
 

@@ -29,7 +29,7 @@ def check(one: Screen) -> None:
     assert bench.worst_negative(one) == 0.0
     assert bench.worst_balance(one) <= CLOSURE
     room = one.layout.dimension["packages"]
-    for book in one.view("deck"):
+    for book in one.record("deck"):
         assert book.packages + book.cells <= room
     for name in ("undersize_fraction", "oversize_fraction"):
         assert abs(one.view(name).sum() - 1.0) < 1e-9

@@ -31,18 +31,9 @@ from vibroscreen import Feed, Motion, Screen
 from vibroscreen.kernels import state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.language import Row, kernel, record
 from vibroscreen.kernels.passage import passage_probability
 from vibroscreen.kernels.segregation import layer_mass, segregate
-from vibroscreen.kernels.state import (
-    S_CONTACT_LOAD,
-    S_COVER,
-    S_DENSITY,
-    S_LAYER_FULL,
-    S_LAYER_LOAD,
-    S_PASSAGE_VELOCITY,
-    S_TRANSPORT_VELOCITY,
-)
 from vibroscreen.screen import Inputs
 
 Array = NDArray[np.float64]
@@ -67,10 +58,10 @@ def pass_grains(choice, scene, node, load, layers, down, h):
     segregate(model, address, node[SIZE], load, layers, scene, contact, down)
     for i in range(contact.size):
         fraction[i] = contact[i] * load[0, i]
-    scene[S_COVER] = min(1.0, layer_mass(load, 0) / scene[S_CONTACT_LOAD])
+    scene.cover = min(1.0, layer_mass(load, 0) / scene.contact_load)
     law, address = int(choice[LAW]), int(choice[LAW_ADDRESS])
     passage_probability(law, address, node[SIZE], fraction, scene, factor)
-    strength = h * scene[S_DENSITY] * scene[S_PASSAGE_VELOCITY] * scene[S_COVER]
+    strength = h * scene.density * scene.passage_velocity * scene.cover
     for i in range(contact.size):
         downward[i] = min(load[0, i], strength * max(0.0, factor[i]) * fraction[i])
         passed[i] += downward[i]
@@ -126,8 +117,9 @@ def euler_step(choice, scene, node, load, layers, down, h):
 
 
 @compiled
-def march(choice, scene, node, load, layers, down, duration, steps):
+def march(choice, numbers, node, load, layers, down, duration, steps):
     """A column through `duration` s in equal steps; returns the number of layers."""
+    scene = record(numbers, 0, state.SCENE)
     h = duration / steps
     for _ in range(steps):
         layers = euler_step(choice, scene, node, load, layers, down, h)
@@ -135,11 +127,12 @@ def march(choice, scene, node, load, layers, down, duration, steps):
 
 
 @compiled
-def march_heun(choice, scene, node, loads, layers, down, duration, steps):
+def march_heun(choice, numbers, node, loads, layers, down, duration, steps):
     """As `march` for loads[0], by Heun's method: the mean of the start and of two Euler steps on.
 
     loads[1] is scratch. node[PASSED] ends as the sum over both Euler steps: twice what passed.
     """
+    scene = record(numbers, 0, state.SCENE)
     h = duration / steps
     load, start = loads[0], loads[1]
     for _ in range(steps):
@@ -152,7 +145,7 @@ def march_heun(choice, scene, node, loads, layers, down, duration, steps):
             for i in range(load.shape[1]):
                 load[j, i] = 0.5 * (start[j, i] + load[j, i])
         # A top row that both steps did without falls down once it is thin.
-        while layers > left and layer_mass(load, layers - 1) < 1e-3 * scene[S_LAYER_FULL]:
+        while layers > left and layer_mass(load, layers - 1) < 1e-3 * scene.layer_full:
             layers -= 1
             for i in range(load.shape[1]):
                 load[layers - 1, i] += load[layers, i]
@@ -165,7 +158,7 @@ def settle(scene, load, rows):
     """Cut a column anew at the full loads of its layers; returns the number of layers."""
     nodes = load.shape[1]
     for j in range(rows - 1):
-        full = scene[S_CONTACT_LOAD] if j == 0 else scene[S_LAYER_FULL]
+        full = scene.contact_load if j == 0 else scene.layer_full
         mass = layer_mass(load, j)
         if mass > full * (1.0 + 1e-12):
             part = 1.0 - full / mass
@@ -182,7 +175,7 @@ def settle(scene, load, rows):
             mass += part * more
             above += 1
     layers = rows
-    while layers > 1 and layer_mass(load, layers - 1) <= 1e-9 * scene[S_LAYER_LOAD]:
+    while layers > 1 and layer_mass(load, layers - 1) <= 1e-9 * scene.layer_load:
         for i in range(nodes):
             load[layers - 2, i] += load[layers - 1, i]
             load[layers - 1, i] = 0.0
@@ -211,13 +204,14 @@ def advect(cell, layers, column, source, source_layers, courant):
 
 
 @compiled
-def march_cells(choice, scene, node, cell, layers, feed, down, clock):
+def march_cells(choice, numbers, node, cell, layers, feed, down, clock):
     """Columns of cells through clock[0] steps of clock[1] s at the CFL number clock[2].
 
     cell[column, layer, node] in kg/m2; feed[layer, node] what enters, in clock[4] layers. The
     first clock[3] columns are in use, more as the bed moves on. node[PASSED] is the sum over steps
     and columns; node[DOWNWARD] ends as scratch.
     """
+    scene = record(numbers, 0, state.SCENE)
     h, courant = clock[1], clock[2]
     for _ in range(int(clock[0])):
         used = min(cell.shape[0], int(clock[3]) + 1)
@@ -239,12 +233,12 @@ def slice_of(screen: Screen) -> tuple[state.Layout, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One slice of the bed: scene vector (S_*), numbers of the sub-models, load, residence.
+    """One slice of the bed: numbers of the scene and of the sub-models, load, residence.
 
     areal_mass: what enters, kg/m2; residence_time in s; rows: layers that a column may have.
     """
 
-    scene: Array
+    numbers: Array
     choice: Array
     rows: int
     areal_mass: float
@@ -255,9 +249,14 @@ class Problem:
     length: float
 
     @property
+    def scene(self) -> Row:
+        """The scene, by name."""
+        return Row(self.numbers, 0, state.SCENE)
+
+    @property
     def velocity(self) -> float:
         """Velocity of the bed, m/s."""
-        return float(self.scene[S_TRANSPORT_VELOCITY])
+        return float(self.scene.transport_velocity)
 
 
 def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None = None) -> Problem:
@@ -268,8 +267,9 @@ def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None =
     Inputs(layout, buffer).put(feed, motion)
     if run(buffer, START_SLICE, 0.0, 0.0) != state.ACCEPTED:
         raise ValueError("the engine refuses these inputs")
-    scene = layout.view(buffer, "scene")[0, 0].copy()
-    scene[S_LAYER_FULL] = scene[S_LAYER_LOAD]
+    numbers = layout.view(buffer, "scene")[0, 0].copy()
+    scene = Row(numbers, 0, state.SCENE)
+    scene.layer_full = scene.layer_load
     parameter = layout.record(buffer, "parameter")
     dimension = layout.dimension
     choice = np.zeros(4)
@@ -278,11 +278,11 @@ def problem_of(screen: Screen, feed: Feed | None = None, motion: Motion | None =
     choice[MODEL] = parameter.segregation_model
     choice[MODEL_ADDRESS] = dimension["segregation_address"]
     deck = config.decks[0]
-    velocity = scene[S_TRANSPORT_VELOCITY]
+    velocity = scene.transport_velocity
     areal = feed.mass_flow_rate / (deck.width * velocity) if velocity > 0.0 else 0.0
     fraction = np.asarray(feed.mass_fraction) / np.sum(feed.mass_fraction)
     return Problem(
-        scene,
+        numbers,
         choice,
         dimension["layers"] if dimension["layered"] else 1,
         areal,
@@ -331,7 +331,7 @@ def stacked(problem: Problem, load: Array) -> tuple[Array, int]:
     if problem.rows == 1:
         column[0] = load
         return column, 1
-    contact, full = problem.scene[S_CONTACT_LOAD], problem.scene[S_LAYER_LOAD]
+    contact, full = problem.scene.contact_load, problem.scene.layer_load
     above = max(0.0, mass - contact)
     layers = 1 + ceil(above / full - 1e-9)
     if layers > problem.rows:
@@ -363,7 +363,7 @@ class ColumnMarch:
         self.load, self.down = self.loads[0], np.zeros_like(self.start)
         self.node = np.zeros((6, sub.size.size))
         self.node[SIZE] = sub.size
-        self.scene = problem.scene.copy()
+        self.scene = problem.numbers.copy()
 
     def advance(self, duration: float, steps: int) -> None:
         """From the feed end through `duration` s."""
@@ -408,7 +408,7 @@ class FixedCells:
     def impose(self, problem: Problem, sub: SubClasses) -> None:
         """Another feed or motion from now on."""
         self.problem, self.sub = problem, sub
-        self.scene = problem.scene.copy()
+        self.scene = problem.numbers.copy()
         self.fed = problem.areal_mass * sub.fraction
         self.feed, self.feed_layers = stacked(problem, self.fed)
         self.step = self.courant * problem.length / self.columns / problem.velocity

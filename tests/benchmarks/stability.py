@@ -40,6 +40,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -478,8 +479,12 @@ class Soak:
         frequency = held(rng.choice([0.0, 15.5, 18.0, 12.0], count, p=[0.1, 0.5, 0.2, 0.2]), 0.1)
         amplitude = held(rng.choice([0.0, 3e-3, 5e-3, 7e-3], count, p=[0.1, 0.3, 0.3, 0.3]), 0.1)
         inputs = np.tile(self.screen.view("input"), (count, 1))
-        inputs[:].feed_rate, inputs[:].frequency = feed, frequency
-        inputs[:].amplitude = amplitude
+        for name, drawn in (
+            ("feed_rate", feed),
+            ("frequency", frequency),
+            ("amplitude", amplitude),
+        ):
+            inputs[:, state.INPUT.index(name)] = drawn
         share = rng.random((count, 3)) * (rng.random((count, 3)) < 0.8)
         share[np.arange(count), rng.integers(3, size=count)] += 0.1
         fraction = held(share / share.sum(axis=1, keepdims=True), 0.3)

@@ -66,12 +66,6 @@ from vibroscreen.config import (
     typical_fractions,
 )
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
-from vibroscreen.kernels.state import (
-    S_CONTACT_LOAD,
-    S_DENSITY,
-    S_LAYER_FULL,
-    S_SEGREGATION_VELOCITY,
-)
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM, T_H
 
@@ -796,13 +790,13 @@ def two_kinds(size, load, layers, scene, contact, percolation):
         below += load[0, i]
     for i in range(nodes):
         contact[i] = 1.0 / below if below > 0.0 else 0.0
-    fill_below = below / scene[S_CONTACT_LOAD]
+    fill_below = below / scene.contact_load
     for j in range(1, layers):
         mass = 0.0
         for i in range(nodes):
             mass += load[j, i]
-        fill = mass / scene[S_LAYER_FULL]
-        flux = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY] * min(1.0, fill, fill_below)
+        fill = mass / scene.layer_full
+        flux = scene.density * scene.segregation_velocity * min(1.0, fill, fill_below)
         rate = flux / mass if mass > 0.0 else 0.0
         for i in range(nodes):
             percolation[j, i] = rate if size[i] < FINE else 0.0
@@ -817,15 +811,15 @@ def hindered_kinds(size, load, layers, scene, contact, percolation):
         below += load[0, i]
     for i in range(nodes):
         contact[i] = 1.0 / below if below > 0.0 else 0.0
-    fill_below = below / scene[S_CONTACT_LOAD]
+    fill_below = below / scene.contact_load
     for j in range(1, layers):
         mass, fine = 0.0, 0.0
         for i in range(nodes):
             mass += load[j, i]
             if size[i] < FINE:
                 fine += load[j, i]
-        fill = mass / scene[S_LAYER_FULL]
-        flux = scene[S_DENSITY] * scene[S_SEGREGATION_VELOCITY] * min(1.0, fill, fill_below)
+        fill = mass / scene.layer_full
+        flux = scene.density * scene.segregation_velocity * min(1.0, fill, fill_below)
         rate = flux * (1.0 - fine / mass) / mass if mass > 0.0 else 0.0
         for i in range(nodes):
             percolation[j, i] = rate if size[i] < FINE else 0.0
