@@ -26,10 +26,10 @@ def march_explicit(buffer, layers, h, steps, scheme):
 
     scheme: PAIR, STABILISED or the number of stages of the chain.
     """
-    scene_ = state.scene(buffer, state.AT_SCENE, 0, 0)
+    scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
         rates.column_rates(
-            buffer, scene_, state.AT_STAGE, rates.NOW, layers, state.AT_STAGE, rates.K1, 0.0
+            buffer, scene_, state.AT.stage, rates.NOW, layers, state.AT.stage, rates.K1, 0.0
         )
         if scheme == schemes.PAIR:
             schemes.pair_step(buffer, scene_, layers, h, 0.0)
@@ -43,7 +43,7 @@ def march_explicit(buffer, layers, h, steps, scheme):
 @compiled
 def march_implicit(buffer, layers, h, steps):
     """The same of the implicit scheme, extrapolated to order 3."""
-    scene_ = state.scene(buffer, state.AT_SCENE, 0, 0)
+    scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
         for k in range(3):
             schemes.run_trial(buffer, scene_, k, layers, layers, h, 0.0)

@@ -131,7 +131,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     load, scene = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     layers = int(np.count_nonzero(load.sum(axis=1)))
     rates.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
-    active, place = int(buffer[state.N_ACTIVE]), layout.view(buffer, "place")
+    active, place = int(buffer[state.DIMENSION.index("active")]), layout.view(buffer, "place")
     taking_part = int(place.max()) + 1
     assert active == in_fours(taking_part)
     assert 1 <= taking_part <= classes

@@ -399,7 +399,7 @@ def nodes_of(config: ScreenConfig) -> Nodes:
     buffer = layout.buffer()
     fill(layout, buffer, config)
     run(buffer, PLACE_NODES, 0.0, 0.0)
-    count = int(buffer[state.N_NODES])
+    count = int(buffer[state.DIMENSION.index("nodes")])
     size, node_class, position, weight = (
         layout.view(buffer, name)[:count].copy()
         for name in ("size", "node_class", "node_position", "node_weight")
@@ -548,7 +548,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
 
 def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
     """Write the nodes into a buffer that has room for them, or for more."""
-    buffer[state.N_NODES] = nodes.count
+    buffer[state.DIMENSION.index("nodes")] = nodes.count
     for name, values in (
         ("size", nodes.size),
         ("node_class", nodes.class_index),

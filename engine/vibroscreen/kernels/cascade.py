@@ -44,7 +44,7 @@ def covered(buffer, deck):
 @kernel
 def all_covered(buffer):
     """Whether all decks are steady."""
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         if not covered(buffer, deck):
             return False
     return True
@@ -57,11 +57,11 @@ def piece_of(buffer, left, duration):
         return left
     if conveys(buffer, 0):
         # Even pieces, and none for a step that is hardly longer than one.
-        parts = int(PIECES * left / residence_time(buffer, state.AT_SCENE, 0) + 0.5)
+        parts = int(PIECES * left / residence_time(buffer, state.AT.scene, 0) + 0.5)
         piece = left / max(1, parts)
         until = time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
-    if state.scene(buffer, state.AT_SCENE, 0, 0).passage_velocity == 0.0:
+    if state.scene(buffer, state.AT.scene, 0, 0).passage_velocity == 0.0:
         return left
     return min(left, max(STILL_PIECE, duration / STILL_PIECES))
 
@@ -77,7 +77,7 @@ def advance_decks(buffer, duration):
             stream_of_covered_deck(buffer, 0, piece)
         else:
             piece = advance_top(buffer, piece)
-        if int(buffer[state.N_DECKS]) > 1 and piece > 0.0:
+        if state.extent(buffer).decks > 1 and piece > 0.0:
             advance_below(buffer, piece)
         left = 0.0 if piece == left else left - piece
 
@@ -86,10 +86,10 @@ def advance_decks(buffer, duration):
 def part_of(buffer, left):
     """Length of the next part of a piece for the decks below the top one, s."""
     part = left
-    for deck in range(1, int(buffer[state.N_DECKS])):
+    for deck in range(1, state.extent(buffer).decks):
         if covered(buffer, deck) or not conveys(buffer, deck):
             continue
-        part = min(part, residence_time(buffer, state.AT_SCENE, deck) / cell_count(buffer, deck))
+        part = min(part, residence_time(buffer, state.AT.scene, deck) / cell_count(buffer, deck))
         if state.book(buffer, deck).cohort_on > 0.0:
             part = min(part, time_to_cover(buffer, deck))
     return part
@@ -102,7 +102,7 @@ def advance_below(buffer, piece):
     while left > 0.0:
         start_cohorts_below(buffer)
         part = part_of(buffer, left)
-        for deck in range(1, int(buffer[state.N_DECKS])):
+        for deck in range(1, state.extent(buffer).decks):
             # The records of the top deck are those of the whole piece.
             whole = piece if deck == 1 else part
             moment = piece - left + 0.5 * part if deck == 1 else 0.5 * part
@@ -114,7 +114,7 @@ def advance_below(buffer, piece):
 @kernel
 def start_cohorts_below(buffer):
     """Begin a cohort on every deck on which what falls has become steady."""
-    for deck in range(1, int(buffer[state.N_DECKS])):
+    for deck in range(1, state.extent(buffer).decks):
         book = state.book(buffer, deck)
         steady = covered(buffer, deck - 1)
         if deck == 1:
@@ -148,19 +148,17 @@ def advance_under(buffer, deck, duration, share, moment, whole):
 @kernel
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
-    falls = int(buffer[state.N_FALLS])
-    start, stop = (
-        state.vector(buffer, state.AT_LANDING_START, falls, 0),
-        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
-    )
+    falls = state.extent(buffer).falls
+    start = state.vector(buffer, state.AT.landing_start, falls, 0)
+    stop = state.vector(buffer, state.AT.landing_stop, falls, 0)
     length = deck_length(buffer, deck)
     rear = queue_rear(buffer, deck)
     if conveys(buffer, deck):
         rear -= 0.5 * duration
     for package in range(int(state.book(buffer, deck).packages) - 1, -1, -1):
         front = rear + package_span(buffer, deck, queue_slot(buffer, deck, package))
-        start[package] = min(length, max(0.0, place_after(buffer, state.AT_SCENE, deck, rear)))
-        stop[package] = min(length, max(0.0, place_after(buffer, state.AT_SCENE, deck, front)))
+        start[package] = min(length, max(0.0, place_after(buffer, state.AT.scene, deck, rear)))
+        stop[package] = min(length, max(0.0, place_after(buffer, state.AT.scene, deck, front)))
         rear = front
 
 
@@ -170,8 +168,8 @@ def pay_rest(buffer, deck):
 
     A debt that the oversize cannot bear stays until something falls on packages again.
     """
-    carry = state.node_vector(buffer, state.AT_CARRY, deck)
-    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
+    carry = state.node_vector(buffer, state.AT.carry, deck)
+    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
     for i in range(carry.size):
         paid = max(carry[i], -oversize[i])
         oversize[i] += paid

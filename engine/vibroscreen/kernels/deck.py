@@ -53,8 +53,8 @@ JOIN = 1.0 + 1e-9
 @kernel
 def bed_capacity(buffer, deck):
     """Depth that `bed.layers` layers together hold, m; also where a model has none of its own."""
-    scene = state.scene(buffer, state.AT_SCENE, deck, 0)
-    upper = (buffer[state.BED_LAYERS] - 1.0) * scene.layer_load
+    scene = state.scene(buffer, state.AT.scene, deck, 0)
+    upper = (state.extent(buffer).bed_layers - 1.0) * scene.layer_load
     return (scene.contact_load + upper) / scene.density
 
 
@@ -66,21 +66,21 @@ def clear_deck(buffer, deck):
     for i in range(kept.size):
         kept[i] = 0.0
     book.share = 1.0 if deck == 0 else SHARE_BELOW
-    free = state.package_vector(buffer, state.AT_FREE, deck)
+    free = state.package_vector(buffer, state.AT.free, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
     cells = cell_count(buffer, deck)
     if deck > 0 and free.size > cells:
-        queue = state.package_vector(buffer, state.AT_QUEUE, deck)
+        queue = state.package_vector(buffer, state.AT.queue, deck)
         for cell in range(cells - 1, -1, -1):
             index = new_slot(buffer, deck)
             panel = cell_panel(buffer, deck, cell)
-            state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
-            state.package_vector(buffer, state.AT_LENGTH, deck)[index] = cell_length(
+            state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
+            state.package_vector(buffer, state.AT.length, deck)[index] = cell_length(
                 buffer, deck, panel
             )
             queue[book.packages] = index
-            book.packages += 1.0
+            book.packages += 1
 
 
 # --- slots ---------------------------------------------------------------------------------------
@@ -88,13 +88,13 @@ def clear_deck(buffer, deck):
 def free_slots(buffer, deck):
     """Number of package slots that nobody uses."""
     book = state.book(buffer, deck)
-    return int(buffer[state.N_PACKAGES] - book.packages - book.cells - book.leaders)
+    return int(state.extent(buffer).packages - book.packages - book.cells - book.leaders)
 
 
 @kernel
 def give_back(buffer, deck, index):
     """Put slot `index` on the pile of free ones; call before the package leaves its row."""
-    state.package_vector(buffer, state.AT_FREE, deck)[free_slots(buffer, deck)] = index
+    state.package_vector(buffer, state.AT.free, deck)[free_slots(buffer, deck)] = index
 
 
 @kernel
@@ -104,19 +104,19 @@ def new_slot(buffer, deck):
         part_cohorts(buffer, deck)
     if free_slots(buffer, deck) == 0:
         merge_likest(buffer, deck)
-    index = int(state.package_vector(buffer, state.AT_FREE, deck)[free_slots(buffer, deck) - 1])
+    index = int(state.package_vector(buffer, state.AT.free, deck)[free_slots(buffer, deck) - 1])
     whole = state.slot(buffer, deck, index)
-    load = state.column(buffer, state.AT_LOAD, whole)
-    reference = state.node_vector(buffer, state.AT_REFERENCE, whole)
+    load = state.column(buffer, state.AT.load, whole)
+    reference = state.node_vector(buffer, state.AT.reference, whole)
     for i in range(reference.size):
         reference[i] = 0.0
         for j in range(load.shape[0]):
             load[j, i] = 0.0
-    state.package_vector(buffer, state.AT_LEADER, deck)[index] = 0.0
-    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = 0.0
-    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = 1.0
-    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = 0.0
-    pace = state.vector(buffer, state.AT_PACE, 4, whole)
+    state.package_vector(buffer, state.AT.leader, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT.length, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT.layers_used, deck)[index] = 1.0
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = 0.0
+    pace = state.vector(buffer, state.AT.pace, 4, whole)
     book = state.book(buffer, deck)
     keep_pace(book, pace)
     return index
@@ -137,24 +137,24 @@ def use_pace(book, pace):
 @kernel
 def queue_slot(buffer, deck, place):
     """Slot of the package at a place of the queue."""
-    return int(state.package_vector(buffer, state.AT_QUEUE, deck)[place])
+    return int(state.package_vector(buffer, state.AT.queue, deck)[place])
 
 
 @kernel
 def join_back(buffer, deck, index):
     """Put a package behind the last one of the queue."""
     book = state.book(buffer, deck)
-    state.package_vector(buffer, state.AT_QUEUE, deck)[book.packages] = index
-    book.packages += 1.0
+    state.package_vector(buffer, state.AT.queue, deck)[book.packages] = index
+    book.packages += 1
 
 
 @kernel
 def leave_queue(buffer, deck, place):
     """Take the package at `place` out of the queue and free its slot."""
     book = state.book(buffer, deck)
-    queue = state.package_vector(buffer, state.AT_QUEUE, deck)
+    queue = state.package_vector(buffer, state.AT.queue, deck)
     give_back(buffer, deck, queue[place])
-    book.packages -= 1.0
+    book.packages -= 1
     for k in range(place, book.packages):
         queue[k] = queue[k + 1]
 
@@ -162,26 +162,26 @@ def leave_queue(buffer, deck, place):
 @kernel
 def panel_of(buffer, deck, index):
     """Panel on which a package counts: that of its middle."""
-    return int(state.package_vector(buffer, state.AT_ON_PANEL, deck)[index])
+    return int(state.package_vector(buffer, state.AT.on_panel, deck)[index])
 
 
 @kernel
 def package_scene(buffer, deck, index):
     """Scene of the panel on which a package counts."""
-    return state.scene(buffer, state.AT_SCENE, deck, panel_of(buffer, deck, index))
+    return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
 
 
 @kernel
 def package_velocity(buffer, deck, index):
     """Velocity of a package, m/s."""
-    return panel_velocity(buffer, state.AT_SCENE, deck, panel_of(buffer, deck, index))
+    return panel_velocity(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
 
 
 @kernel
 def package_span(buffer, deck, index):
     """Riding time from the rear to the front of a package, s; its length where all stands still."""
     velocity = package_velocity(buffer, deck, index)
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+    length = state.package_vector(buffer, state.AT.length, deck)[index]
     return length / velocity if velocity > 0.0 else length
 
 
@@ -189,20 +189,18 @@ def package_span(buffer, deck, index):
 def merge_into(buffer, deck, place):
     """Merge the package behind `place` into the one at `place`, layer by layer, conservatively."""
     keep, gone = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
     stretch = 1.0  # of what comes from another panel
     if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and conveys(buffer, deck):
         velocity = package_velocity(buffer, deck, keep)
         stretch = velocity / package_velocity(buffer, deck, gone)
     whole = length[keep] + stretch * length[gone]
     if whole > 0.0:
-        load, more = (
-            state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, keep)),
-            state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, gone)),
-        )
-        reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, keep))
-        fed = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, gone))
+        load = state.column(buffer, state.AT.load, state.slot(buffer, deck, keep))
+        more = state.column(buffer, state.AT.load, state.slot(buffer, deck, gone))
+        reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, keep))
+        fed = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, gone))
         layers = int(max(used[keep], used[gone]))
         for i in range(reference.size):
             reference[i] = (length[keep] * reference[i] + length[gone] * fed[i]) / whole
@@ -217,11 +215,11 @@ def merge_into(buffer, deck, place):
 @kernel
 def unlikeness(buffer, deck, one, two):
     """How much two packages differ: largest difference of a node, as a part of what was fed."""
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
-    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, one))
-    other = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, two))
-    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, one))
-    fed = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, two))
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, one))
+    other = state.column(buffer, state.AT.load, state.slot(buffer, deck, two))
+    reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, one))
+    fed = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, two))
     layers = int(max(used[one], used[two]))
     worst = 0.0
     for i in range(reference.size):
@@ -241,7 +239,7 @@ def merge_likest(buffer, deck):
     Rates are smooth, so what mixing changes is of second order in the difference.
     """
     book = state.book(buffer, deck)
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
     best, least = 0, 1e300
     for place in range(book.packages - 1):
         one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
@@ -270,16 +268,16 @@ def integrate_package(buffer, deck, index, duration):
     """Advance the column of a package; its step and order are remembered with it."""
     book = state.book(buffer, deck)
     whole = state.slot(buffer, deck, index)
-    pace = state.vector(buffer, state.AT_PACE, 4, whole)
+    pace = state.vector(buffer, state.AT.pace, 4, whole)
     lead_pace = (book.step, book.order, book.pace, book.wide)
     use_pace(book, pace)
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
     used[index] = integrate(
         buffer,
         package_scene(buffer, deck, index),
         book,
-        state.column(buffer, state.AT_LOAD, whole),
-        state.node_vector(buffer, state.AT_REFERENCE, whole),
+        state.column(buffer, state.AT.load, whole),
+        state.node_vector(buffer, state.AT.reference, whole),
         int(used[index]),
         duration,
     )
@@ -291,11 +289,11 @@ def integrate_package(buffer, deck, index, duration):
 @kernel
 def pass_through(buffer, deck, row, scale, scale_time):
     """Book what passed, scale x passed + scale_time x its integral, as undersize of the deck."""
-    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
-    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
+    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
     fallen = fall_vector(buffer, deck, row)
-    record = deck + 1 < int(buffer[state.N_DECKS])
+    record = deck + 1 < state.extent(buffer).decks
     for i in range(passed.size):
         mass = scale * passed[i] + scale_time * passed_time[i]
         undersize[i] += mass
@@ -308,20 +306,20 @@ def land_on(buffer, row, area, time):
     """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
     if area * time <= 0.0:
         return
-    source = state.node_vector(buffer, state.AT_SOURCE, 0)
-    landing = state.node_vector(buffer, state.AT_LANDING, row)
+    source = state.node_vector(buffer, state.AT.source, 0)
+    landing = state.node_vector(buffer, state.AT.landing, row)
     for i in range(source.size):
         source[i] = landing[i] / (area * time)
         if source[i] != 0.0:
-            buffer[state.N_SOURCE] = 1.0
+            state.extent(buffer).source_terms = 1.0
 
 
 @kernel
 def refer_to_landing(buffer, deck, index, row):
     """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
-    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, index))
-    landing = state.node_vector(buffer, state.AT_LANDING, row)
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+    reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
+    landing = state.node_vector(buffer, state.AT.landing, row)
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
     for i in range(reference.size):
         if landing[i] > 0.0:
             reference[i] += landing[i] / area
@@ -332,7 +330,7 @@ def ride(buffer, deck, index, row, duration):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
         integrate_package(buffer, deck, index, duration)
-        area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+        area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
         pass_through(buffer, deck, row, area, 0.0)
 
 
@@ -343,13 +341,13 @@ def discharge(buffer, deck, index, row, duration, rest):
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
     exactly from the time integrals of what passed and of the loads.
     """
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
     integrate_package(buffer, deck, index, duration)
     width = deck_width(buffer, deck)
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
-    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
-    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
+    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
+    time = state.column(buffer, state.AT.column_time, 0)
     for j in range(int(state.book(buffer, deck).rows)):
         for i in range(oversize.size):
             oversize[i] += width * shortening * time[j, i]
@@ -362,27 +360,27 @@ def idle(buffer, deck, index, row):
     if state.switches(buffer).idle_packages == 0.0:
         return False
     if deck > 0:
-        landing = state.node_vector(buffer, state.AT_LANDING, row)
+        landing = state.node_vector(buffer, state.AT.landing, row)
         for i in range(landing.size):
             if landing[i] != 0.0:
                 return False
     scene = package_scene(buffer, deck, index)
     if scene.passage_velocity + scene.segregation_velocity + scene.mixing == 0.0:
         return not conveys(buffer, deck)
-    used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
+    used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
     return (
-        bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used) == 0.0
+        bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used) == 0.0
     )
 
 
 @kernel
 def shed(buffer, deck, index):
     """Let what is left of a package fall over the deck's end at once."""
-    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
+    length = state.package_vector(buffer, state.AT.length, deck)
     area = deck_width(buffer, deck) * length[index]
-    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
-    for j in range(int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])):
+    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
+    for j in range(int(state.package_vector(buffer, state.AT.layers_used, deck)[index])):
         for i in range(oversize.size):
             oversize[i] += area * load[j, i]
     length[index] = 0.0
@@ -391,17 +389,15 @@ def shed(buffer, deck, index):
 @kernel
 def cross(buffer, deck, index):
     """Move a package to the next panel: its length changes with the velocity, its mass stays."""
-    panel = state.package_vector(buffer, state.AT_ON_PANEL, deck)
+    panel = state.package_vector(buffer, state.AT.on_panel, deck)
     before = package_velocity(buffer, deck, index)
     panel[index] += 1.0
     stretch = package_velocity(buffer, deck, index) / before
     whole = state.slot(buffer, deck, index)
-    load, reference = (
-        state.column(buffer, state.AT_LOAD, whole),
-        state.node_vector(buffer, state.AT_REFERENCE, whole),
-    )
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
-    state.package_vector(buffer, state.AT_LENGTH, deck)[index] *= stretch
+    load = state.column(buffer, state.AT.load, whole)
+    reference = state.node_vector(buffer, state.AT.reference, whole)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    state.package_vector(buffer, state.AT.length, deck)[index] *= stretch
     for i in range(reference.size):
         reference[i] /= stretch
         for j in range(int(used[index])):
@@ -422,14 +418,14 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
         panel = panel_of(buffer, deck, index)
         crosses = False
         if panel + 1 < panel_count(buffer, deck) and conveys(buffer, deck):
-            until = panel_end_time(buffer, state.AT_SCENE, deck, panel) - middle
+            until = panel_end_time(buffer, state.AT.scene, deck, panel) - middle
             crosses = until < left
             step = max(0.0, until) if crosses else left
         if deck > 0:
-            area = width * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+            area = width * state.package_vector(buffer, state.AT.length, deck)[index]
             land_on(buffer, row, area, time)
         ride(buffer, deck, index, row, step)
-        buffer[state.N_SOURCE] = 0.0
+        state.extent(buffer).source_terms = 0.0
         left -= step
         middle += step
         if not crosses:
@@ -440,12 +436,12 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
 @kernel
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
     whole, over = duration, 0.0  # time as a whole on the deck, then while it is discharged
     span = package_span(buffer, deck, index)
     rest = span
     if conveys(buffer, deck):
-        end = residence_time(buffer, state.AT_SCENE, deck)
+        end = residence_time(buffer, state.AT.scene, deck)
         whole = min(duration, max(0.0, end - rear - span))
         if whole < min(duration, MOMENT * span):
             whole = 0.0
@@ -472,7 +468,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
             area = 0.5 * deck_width(buffer, deck) * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
-        buffer[state.N_SOURCE] = 0.0
+        state.extent(buffer).source_terms = 0.0
     elif rest == 0.0 and conveys(buffer, deck):
         shed(buffer, deck, index)
     return length[index]
@@ -484,7 +480,7 @@ def ride_over(buffer, deck, index, middle):
     if conveys(buffer, deck):
         panel = panel_of(buffer, deck, index)
         while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, state.AT_SCENE, deck, panel) > middle:
+            if panel_end_time(buffer, state.AT.scene, deck, panel) > middle:
                 break
             cross(buffer, deck, index)
             panel += 1
@@ -495,7 +491,7 @@ def queue_rear(buffer, deck):
     """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
     book = state.book(buffer, deck)
     if book.pile_open > 0.0:
-        return riding_time(buffer, state.AT_SCENE, deck, book.pile_rear)
+        return riding_time(buffer, state.AT.scene, deck, book.pile_rear)
     return book.cohort_front
 
 
@@ -514,7 +510,7 @@ def advance_queue(buffer, deck, duration):
     for place in range(count):
         index = queue_slot(buffer, deck, place)
         pile = place == count - 1 and book.pile_open > 0.0
-        if place >= followed and state.package_vector(buffer, state.AT_LEADER, deck)[index] > 0.0:
+        if place >= followed and state.package_vector(buffer, state.AT.leader, deck)[index] > 0.0:
             followed = follow_cohort(buffer, deck, place, rear, duration)
         behind = 0.0
         if place + 1 < count:
@@ -525,15 +521,15 @@ def advance_queue(buffer, deck, duration):
         elif pile:
             feed_pile(buffer, deck, index, duration)
             ride(buffer, deck, index, place, duration)
-            buffer[state.N_SOURCE] = 0.0
+            state.extent(buffer).source_terms = 0.0
         elif advance_package(buffer, deck, index, place, rear, duration) <= 0.0 and place == gone:
             gone += 1
         rear -= behind
-    state.vector(buffer, state.AT_FALL_COUNT, 4, deck)[0] = count
+    state.vector(buffer, state.AT.fall_count, 4, deck)[0] = count
     for _ in range(gone):
         leave_queue(buffer, deck, 0)
     if book.pile_open > 0.0:
-        book.pile_rear += panel_velocity(buffer, state.AT_SCENE, deck, 0) * duration
+        book.pile_rear += panel_velocity(buffer, state.AT.scene, deck, 0) * duration
 
 
 # --- closed cohorts ------------------------------------------------------------------------------
@@ -554,34 +550,28 @@ def keep_leader(buffer, deck):
         return 0.0
     index = new_slot(buffer, deck)
     whole = state.slot(buffer, deck, index)
-    load, lead = (
-        state.column(buffer, state.AT_LOAD, whole),
-        state.column(buffer, state.AT_LEAD, deck),
-    )
-    reference, fed = (
-        state.node_vector(buffer, state.AT_REFERENCE, whole),
-        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
-    )
-    passed, gone = (
-        state.node_vector(buffer, state.AT_PASSED, whole),
-        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
-    )
+    load = state.column(buffer, state.AT.load, whole)
+    lead = state.column(buffer, state.AT.lead, deck)
+    reference = state.node_vector(buffer, state.AT.reference, whole)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    passed = state.node_vector(buffer, state.AT.passed, whole)
+    gone = state.node_vector(buffer, state.AT.lead_passed, deck)
     layers = book.lead_layers
     for i in range(fed.size):
         reference[i], passed[i] = fed[i], gone[i]
         for j in range(layers):
             load[j, i] = lead[j, i]
-    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = layers
-    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
-    state.package_vector(buffer, state.AT_ENTRY_VELOCITY, deck)[index] = velocity
-    book.leaders += 1.0
+    state.package_vector(buffer, state.AT.layers_used, deck)[index] = layers
+    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
+    state.package_vector(buffer, state.AT.entry_velocity, deck)[index] = velocity
+    book.leaders += 1
     return index + 1.0
 
 
 @kernel
 def cohort_end(buffer, deck, place):
     """Place behind the last part of the closed cohort whose first part is at `place`."""
-    leader = state.package_vector(buffer, state.AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT.leader, deck)
     name = leader[queue_slot(buffer, deck, place)]
     end = place + 1
     while end < int(state.book(buffer, deck).packages):
@@ -594,13 +584,13 @@ def cohort_end(buffer, deck, place):
 @kernel
 def part_cohort(buffer, deck, place):
     """From now on the parts of the closed cohort at `place` are packages of their own."""
-    leader = state.package_vector(buffer, state.AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT.leader, deck)
     first = queue_slot(buffer, deck, place)
     index = int(leader[first]) - 1
-    pace = state.vector(buffer, state.AT_PACE, 4, state.slot(buffer, deck, index))
+    pace = state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, index))
     for k in range(place, cohort_end(buffer, deck, place)):
         part = queue_slot(buffer, deck, k)
-        kept = state.vector(buffer, state.AT_PACE, 4, state.slot(buffer, deck, part))
+        kept = state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, part))
         for n in range(pace.size):
             kept[n] = pace[n]
         leader[part] = 0.0
@@ -613,7 +603,7 @@ def part_cohorts(buffer, deck):
     """Part all closed cohorts of a deck: what comes is not the same for all of each."""
     for place in range(int(state.book(buffer, deck).packages)):
         if (
-            state.package_vector(buffer, state.AT_LEADER, deck)[queue_slot(buffer, deck, place)]
+            state.package_vector(buffer, state.AT.leader, deck)[queue_slot(buffer, deck, place)]
             > 0.0
         ):
             part_cohort(buffer, deck, place)
@@ -627,23 +617,23 @@ def follow_cohort(buffer, deck, place, rear, duration):
     least as long as the cohort took to come in; else, and where its front leaves the deck, it is
     parted. Returns the place behind it, or 0.
     """
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
     first, end = queue_slot(buffer, deck, place), cohort_end(buffer, deck, place)
-    index = int(state.package_vector(buffer, state.AT_LEADER, deck)[first]) - 1
-    entry = state.package_vector(buffer, state.AT_ENTRY_VELOCITY, deck)[index]
+    index = int(state.package_vector(buffer, state.AT.leader, deck)[first]) - 1
+    entry = state.package_vector(buffer, state.AT.entry_velocity, deck)[index]
     span = 0.0
     for k in range(place, end):
         span += length[queue_slot(buffer, deck, k)] / entry
     leaves = False
     if conveys(buffer, deck):
         front = rear + package_span(buffer, deck, first) + duration
-        leaves = front > residence_time(buffer, state.AT_SCENE, deck)
+        leaves = front > residence_time(buffer, state.AT.scene, deck)
     off = state.switches(buffer).closed_cohorts == 0.0
     if off or leaves or duration < span * (1.0 - MOMENT):
         part_cohort(buffer, deck, place)
         return 0
-    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
-    slots = state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)
+    ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
+    slots = state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)
     start = max(0.0, duration - span)
     age = start
     for part in range(end - place):
@@ -656,11 +646,11 @@ def follow_cohort(buffer, deck, place, rear, duration):
     integrate_package(buffer, deck, index, duration)
     begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
-    passed = state.node_vector(buffer, state.AT_PASSED, state.slot(buffer, deck, index))
-    gone = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
+    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
+    gone = state.node_vector(buffer, state.AT.column_flux, 0)
     begin = start
     for part in range(end - place):
-        mean = state.node_vector(buffer, state.AT_PART_PASSED, part)
+        mean = state.node_vector(buffer, state.AT.part_passed, part)
         scale = 1.0 / (ends[part] - begin) if ends[part] > begin else 0.0
         for i in range(passed.size):
             mean[i] = passed[i] + scale * mean[i]
@@ -674,14 +664,12 @@ def follow_cohort(buffer, deck, place, rear, duration):
 @kernel
 def empty_part(buffer, deck, index, part):
     """Make a part of a cohort ready to take the mean over its new ages; what it held is kept."""
-    load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
-    before, passed = (
-        state.node_vector(buffer, state.AT_PART_BEFORE, part),
-        state.node_vector(buffer, state.AT_PART_PASSED, part),
-    )
+    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
+    before = state.node_vector(buffer, state.AT.part_before, part)
+    passed = state.node_vector(buffer, state.AT.part_passed, part)
     for i in range(before.size):
         before[i], passed[i] = 0.0, 0.0
-    for j in range(int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])):
+    for j in range(int(state.package_vector(buffer, state.AT.layers_used, deck)[index])):
         for i in range(before.size):
             before[i] += load[j, i]
             load[j, i] = 0.0
@@ -695,21 +683,15 @@ def take_part(buffer, deck, index, row, part):
     loads say only how it lies.
     """
     whole = state.slot(buffer, deck, index)
-    load, passed = (
-        state.column(buffer, state.AT_LOAD, whole),
-        state.node_vector(buffer, state.AT_PASSED, whole),
-    )
-    before, mean = (
-        state.node_vector(buffer, state.AT_PART_BEFORE, part),
-        state.node_vector(buffer, state.AT_PART_PASSED, part),
-    )
-    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+    load = state.column(buffer, state.AT.load, whole)
+    passed = state.node_vector(buffer, state.AT.passed, whole)
+    before = state.node_vector(buffer, state.AT.part_before, part)
+    mean = state.node_vector(buffer, state.AT.part_passed, part)
+    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
     rows = int(max(used[index], state.book(buffer, deck).rows))
-    held, scale = (
-        state.node_vector(buffer, state.AT_NODE_WORK, 0),
-        state.node_vector(buffer, state.AT_NODE_WORK, 1),
-    )
+    held = state.node_vector(buffer, state.AT.node_work, 0)
+    scale = state.node_vector(buffer, state.AT.node_work, 1)
     for i in range(passed.size):
         held[i] = 0.0
     for j in range(rows):
@@ -728,7 +710,7 @@ def take_part(buffer, deck, index, row, part):
         if scale[i] == 0.0:
             load[0, i] = before[i] - flux[i]
     used[index] = restack(buffer, package_scene(buffer, deck, index), load, rows)
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
     pass_through(buffer, deck, row, area, 0.0)
 
 
@@ -740,7 +722,7 @@ def open_pile(buffer, deck):
     join_queue(buffer, deck)
     index = new_slot(buffer, deck)
     length = cell_length(buffer, deck, 0)
-    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
+    state.package_vector(buffer, state.AT.length, deck)[index] = length
     join_back(buffer, deck, index)
     book.pile_open, book.pile_rear = 1.0, -length
 
@@ -748,12 +730,12 @@ def open_pile(buffer, deck):
 @kernel
 def feed_pile(buffer, deck, index, duration):
     """Set the feed as a source on top of the pile, kg/(m2 s)."""
-    source = state.node_vector(buffer, state.AT_SOURCE, 0)
-    reference = state.node_vector(buffer, state.AT_REFERENCE, state.slot(buffer, deck, index))
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT_LENGTH, deck)[index]
+    source = state.node_vector(buffer, state.AT.source, 0)
+    reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
+    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
     rate = state.book(buffer, deck).cohort_fed
-    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
-    buffer[state.N_SOURCE] = 1.0 if rate > 0.0 else 0.0
+    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    state.extent(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
     for i in range(source.size):
         source[i] = rate * fraction[i] / area
         reference[i] += source[i] * duration
@@ -767,16 +749,14 @@ def start_cohort(buffer, deck, rate):
     On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
     """
     book = state.book(buffer, deck)
-    scene = state.scene(buffer, state.AT_SCENE, deck, 0)
-    lead, partial = (
-        state.column(buffer, state.AT_LEAD, deck),
-        state.column(buffer, state.AT_PARTIAL, deck),
-    )
-    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
-    passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
-    partial_passed = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
-    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
-    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
+    scene = state.scene(buffer, state.AT.scene, deck, 0)
+    lead = state.column(buffer, state.AT.lead, deck)
+    partial = state.column(buffer, state.AT.partial, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    partial_passed = state.node_vector(buffer, state.AT.partial_passed, deck)
+    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
     load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
     for j in range(lead.shape[0]):
         for i in range(fed.size):
@@ -809,11 +789,11 @@ def join_queue(buffer, deck):
     if book.cohort_on > 0.0 and book.cohort_front > 0.0:
         leading = keep_leader(buffer, deck)
         append_piece(buffer, deck)
-    cell = state.package_vector(buffer, state.AT_CELL, deck)
+    cell = state.package_vector(buffer, state.AT.cell, deck)
     while book.cells > 0.0:
-        book.cells -= 1.0
+        book.cells -= 1
         join_back(buffer, deck, cell[book.cells])
-    leader = state.package_vector(buffer, state.AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT.leader, deck)
     for place in range(before, book.packages):
         leader[queue_slot(buffer, deck, place)] = leading
     book.cohort_on, book.cohort_front, book.covered = 0.0, 0.0, 0.0
@@ -833,29 +813,29 @@ def append_piece(buffer, deck):
         cells = book.cells
         panel = cell_panel(buffer, deck, cells)
         if cells > 0:
-            span -= cell_end(buffer, state.AT_SCENE, deck, cells - 1)
+            span -= cell_end(buffer, state.AT.scene, deck, cells - 1)
     else:
         while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, state.AT_SCENE, deck, panel) > 0.5 * span:
+            if panel_end_time(buffer, state.AT.scene, deck, panel) > 0.5 * span:
                 break
             panel += 1
     if span <= 0.0:
         return
     index = new_slot(buffer, deck)
-    length = span * panel_velocity(buffer, state.AT_SCENE, deck, panel)
-    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
+    length = span * panel_velocity(buffer, state.AT.scene, deck, panel)
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
     if in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
-    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
+    state.package_vector(buffer, state.AT.length, deck)[index] = length
     join_back(buffer, deck, index)
 
 
 @kernel
 def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
+    length = state.package_vector(buffer, state.AT.length, deck)
     one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    leader = state.package_vector(buffer, state.AT_LEADER, deck)
+    leader = state.package_vector(buffer, state.AT.leader, deck)
     if leader[one] + leader[two] > 0.0:
         return
     if panel_of(buffer, deck, one) != panel_of(buffer, deck, two):
@@ -871,13 +851,13 @@ def join_neighbours(buffer, deck, place):
 def finish_cell(buffer, deck, index, length):
     """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
     book = state.book(buffer, deck)
-    partial = state.column(buffer, state.AT_PARTIAL, deck)
+    partial = state.column(buffer, state.AT.partial, deck)
     whole = state.slot(buffer, deck, index)
-    load = state.column(buffer, state.AT_LOAD, whole)
-    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
-    reference = state.node_vector(buffer, state.AT_REFERENCE, whole)
-    passed = state.node_vector(buffer, state.AT_PASSED, whole)
-    collected = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
+    load = state.column(buffer, state.AT.load, whole)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    reference = state.node_vector(buffer, state.AT.reference, whole)
+    passed = state.node_vector(buffer, state.AT.passed, whole)
+    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
     layers = book.partial_layers
     for i in range(fed.size):
         reference[i] = fed[i]
@@ -887,10 +867,10 @@ def finish_cell(buffer, deck, index, length):
             load[j, i] = partial[j, i] / length
             partial[j, i] = 0.0
     scene = package_scene(buffer, deck, index)
-    state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index] = restack(
+    state.package_vector(buffer, state.AT.layers_used, deck)[index] = restack(
         buffer, scene, load, layers
     )
-    state.package_vector(buffer, state.AT_LENGTH, deck)[index] = length
+    state.package_vector(buffer, state.AT.length, deck)[index] = length
     book.partial_layers = 1.0
 
 
@@ -903,45 +883,39 @@ def advance_lead(buffer, deck, duration):
     """
     book = state.book(buffer, deck)
     panel = book.lead_panel
-    scene = state.scene(buffer, state.AT_SCENE, deck, panel)
-    lead, partial = (
-        state.column(buffer, state.AT_LEAD, deck),
-        state.column(buffer, state.AT_PARTIAL, deck),
-    )
-    fed = state.node_vector(buffer, state.AT_LEAD_FEED, deck)
-    before_passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
-    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
-    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
-    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
-    fallen, carry = (
-        state.node_vector(buffer, state.AT_FALL_COHORT, deck),
-        state.node_vector(buffer, state.AT_CARRY, deck),
-    )
-    velocity, first = (
-        panel_velocity(buffer, state.AT_SCENE, deck, panel),
-        panel_velocity(buffer, state.AT_SCENE, deck, 0),
-    )
+    scene = state.scene(buffer, state.AT.scene, deck, panel)
+    lead = state.column(buffer, state.AT.lead, deck)
+    partial = state.column(buffer, state.AT.partial, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    time = state.column(buffer, state.AT.column_time, 0)
+    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
+    carry = state.node_vector(buffer, state.AT.carry, deck)
+    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
+    first = panel_velocity(buffer, state.AT.scene, deck, 0)
     width = deck_width(buffer, deck)
     on_first = velocity / first if first > 0.0 else 1.0
-    below = deck + 1 < int(buffer[state.N_DECKS])
+    below = deck + 1 < state.extent(buffer).decks
     left = duration
     while left > 0.0:
         step = left
-        place = place_after(buffer, state.AT_SCENE, deck, book.cohort_front + (duration - left))
+        place = place_after(buffer, state.AT.scene, deck, book.cohort_front + (duration - left))
         if deck > 0:
             step = min(left, lead_source(buffer, deck, place, velocity))
         before = book.lead_layers
-        buffer[state.RECORDED] = deck + 1.0 if below else 0.0
-        buffer[state.RECORDED_FROM] = place
-        if buffer[state.N_SOURCE] == 0.0 and bed_load(lead, before) == 0.0:
+        state.extent(buffer).recorded = deck + 1.0 if below else 0.0
+        state.extent(buffer).recorded_from = place
+        if state.extent(buffer).source_terms == 0.0 and bed_load(lead, before) == 0.0:
             clear_sums(buffer, before)
             book.rows = before
             if below:
                 record_nothing(buffer, place, place + velocity * step)
         else:
             book.lead_layers = integrate(buffer, scene, book, lead, fed, before, step)
-        buffer[state.N_SOURCE], buffer[state.RECORDED] = 0.0, 0.0
+        state.extent(buffer).source_terms, state.extent(buffer).recorded = 0.0, 0.0
         rows = book.rows
         for i in range(fed.size):
             mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
@@ -967,27 +941,27 @@ def cells_ahead(buffer, deck, duration):
     it takes, s, and whether the last one is finished.
     """
     book = state.book(buffer, deck)
-    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
-    slots = state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)
-    cell, panel = state.package_vector(buffer, state.AT_CELL, deck), book.lead_panel
+    ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
+    slots = state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)
+    cell, panel = state.package_vector(buffer, state.AT.cell, deck), book.lead_panel
     count, taken, finished = 0, 0.0, True
     while finished and taken < duration and book.cells < cell_count(buffer, deck):
         done = book.cells
         if cell_panel(buffer, deck, done) != panel:
             break
-        target = cell_end(buffer, state.AT_SCENE, deck, done)
+        target = cell_end(buffer, state.AT.scene, deck, done)
         until = max(0.0, target - book.cohort_front)
         finished = until <= duration or book.cohort_front + duration >= target
         taken = max(taken, min(until, duration))
         index = new_slot(buffer, deck)
-        state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = panel
-        passed = state.node_vector(buffer, state.AT_PART_PASSED, count)
+        state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
+        passed = state.node_vector(buffer, state.AT.part_passed, count)
         for i in range(passed.size):
             passed[i] = 0.0
         ends[count], slots[count] = taken, state.slot(buffer, deck, index)
         count += 1
         cell[done] = index
-        book.cells += 1.0
+        book.cells += 1
     begin_parts(buffer, count, 0.0)
     return taken, finished
 
@@ -1001,18 +975,17 @@ def advance_over_cells(buffer, deck, duration):
     book = state.book(buffer, deck)
     before = book.cells
     taken, finished = cells_ahead(buffer, deck, duration)
-    scene = state.scene(buffer, state.AT_SCENE, deck, book.lead_panel)
-    lead, fed = (
-        state.column(buffer, state.AT_LEAD, deck),
-        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
-    )
+    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
+    lead = state.column(buffer, state.AT.lead, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
-    buffer[state.RECORDED] = 1.0 if deck + 1 < int(buffer[state.N_DECKS]) else 0.0
-    buffer[state.RECORDED_FROM] = place_after(buffer, state.AT_SCENE, deck, book.cohort_front)
+    extent = state.extent(buffer)
+    extent.recorded = 1 if deck + 1 < extent.decks else 0
+    extent.recorded_from = place_after(buffer, state.AT.scene, deck, book.cohort_front)
     layers = book.lead_layers
     book.lead_layers = integrate(buffer, scene, book, lead, fed, layers, taken)
-    buffer[state.RECORDED] = 0.0
+    state.extent(buffer).recorded = 0.0
     begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0
@@ -1020,22 +993,18 @@ def advance_over_cells(buffer, deck, duration):
         begin = collect_cell(buffer, deck, done, done - before, begin)
         if done < last:
             end_cell(buffer, deck, done)
-    passed, gone = (
-        state.node_vector(buffer, state.AT_COLUMN_FLUX, 0),
-        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
-    )
-    velocity, first = (
-        panel_velocity(buffer, state.AT_SCENE, deck, book.lead_panel),
-        panel_velocity(buffer, state.AT_SCENE, deck, 0),
-    )
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    gone = state.node_vector(buffer, state.AT.lead_passed, deck)
+    velocity = panel_velocity(buffer, state.AT.scene, deck, book.lead_panel)
+    first = panel_velocity(buffer, state.AT.scene, deck, 0)
     for i in range(passed.size):
         gone[i] += velocity / first * passed[i]
     if finished:
-        book.cohort_front = cell_end(buffer, state.AT_SCENE, deck, last)
+        book.cohort_front = cell_end(buffer, state.AT.scene, deck, last)
         end_cell(buffer, deck, last)
     else:
         book.cohort_front += taken
-        book.cells -= 1.0
+        book.cells -= 1
     return taken
 
 
@@ -1043,26 +1012,18 @@ def advance_over_cells(buffer, deck, duration):
 def collect_cell(buffer, deck, cell, part, begin):
     """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
     book = state.book(buffer, deck)
-    index = int(state.package_vector(buffer, state.AT_CELL, deck)[cell])
-    end = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)[part]
-    load, partial = (
-        state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)),
-        state.column(buffer, state.AT_PARTIAL, deck),
-    )
-    time, before = (
-        state.node_vector(buffer, state.AT_PART_PASSED, part),
-        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
-    )
-    undersize, fallen = (
-        state.node_vector(buffer, state.AT_STEP_MASS, deck),
-        state.node_vector(buffer, state.AT_FALL_COHORT, deck),
-    )
-    collected = state.node_vector(buffer, state.AT_PARTIAL_PASSED, deck)
+    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
+    end = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)[part]
+    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
+    partial = state.column(buffer, state.AT.partial, deck)
+    time = state.node_vector(buffer, state.AT.part_passed, part)
+    before = state.node_vector(buffer, state.AT.lead_passed, deck)
+    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
+    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
     panel = panel_of(buffer, deck, index)
-    velocity, first = (
-        panel_velocity(buffer, state.AT_SCENE, deck, panel),
-        panel_velocity(buffer, state.AT_SCENE, deck, 0),
-    )
+    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
+    first = panel_velocity(buffer, state.AT.scene, deck, 0)
     rows, width = book.rows, deck_width(buffer, deck)
     carry_debts(time, load, rows)
     for i in range(time.size):
@@ -1082,19 +1043,17 @@ def cross_lead(buffer, deck):
     """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
     book = state.book(buffer, deck)
     panel = book.lead_panel
-    velocity = panel_velocity(buffer, state.AT_SCENE, deck, panel)
-    stretch = panel_velocity(buffer, state.AT_SCENE, deck, panel + 1) / velocity
-    lead, fed = (
-        state.column(buffer, state.AT_LEAD, deck),
-        state.node_vector(buffer, state.AT_LEAD_FEED, deck),
-    )
+    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
+    stretch = panel_velocity(buffer, state.AT.scene, deck, panel + 1) / velocity
+    lead = state.column(buffer, state.AT.lead, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     layers = book.lead_layers
     for i in range(fed.size):
         fed[i] /= stretch
         for j in range(layers):
             lead[j, i] /= stretch
     book.lead_panel = panel + 1.0
-    scene = state.scene(buffer, state.AT_SCENE, deck, panel + 1)
+    scene = state.scene(buffer, state.AT.scene, deck, panel + 1)
     book.lead_layers = restack(buffer, scene, lead, layers)
 
 
@@ -1105,18 +1064,17 @@ def stream_of_covered_deck(buffer, deck, duration):
     if not in_cells(buffer, deck):
         return
     last = panel_count(buffer, deck) - 1
-    passing = deck_width(buffer, deck) * panel_velocity(buffer, state.AT_SCENE, deck, 0) * duration
+    passing = deck_width(buffer, deck) * panel_velocity(buffer, state.AT.scene, deck, 0) * duration
     leaving = (
-        deck_width(buffer, deck) * panel_velocity(buffer, state.AT_SCENE, deck, last) * duration
+        deck_width(buffer, deck) * panel_velocity(buffer, state.AT.scene, deck, last) * duration
     )
-    undersize = state.node_vector(buffer, state.AT_STEP_MASS, deck)
-    oversize = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) + deck)
-    fallen = state.node_vector(buffer, state.AT_FALL_COHORT, deck)
-    passed, lead = (
-        state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
-        state.column(buffer, state.AT_LEAD, deck),
-    )
-    if buffer[state.LAYERED] > 0.0 and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
+    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
+    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
+    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    lead = state.column(buffer, state.AT.lead, deck)
+    layered = state.extent(buffer).layered > 0
+    if layered and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
         book.capacity_alarm = 1.0
     for i in range(passed.size):
         undersize[i] += passing * passed[i]
@@ -1129,7 +1087,7 @@ def stream_of_covered_deck(buffer, deck, duration):
 def time_to_cover(buffer, deck):
     """Time until the cohort covers the deck, s."""
     book = state.book(buffer, deck)
-    return residence_time(buffer, state.AT_SCENE, deck) - book.cohort_front
+    return residence_time(buffer, state.AT.scene, deck) - book.cohort_front
 
 
 @kernel
@@ -1152,7 +1110,7 @@ def grow_cohort(buffer, deck, duration):
 def grow_empty(buffer, deck, duration):
     """Advance the front of a cohort without feed; returns the time it took, s."""
     book = state.book(buffer, deck)
-    target = residence_time(buffer, state.AT_SCENE, deck)
+    target = residence_time(buffer, state.AT.scene, deck)
     until = max(0.0, target - book.cohort_front)
     if until > duration and book.cohort_front + duration < target:
         book.cohort_front += duration
@@ -1166,7 +1124,7 @@ def grow_cell(buffer, deck, duration):
     """Advance the front of a lower deck's cohort within a cell; returns the time it took, s."""
     book = state.book(buffer, deck)
     done = book.cells
-    target = cell_end(buffer, state.AT_SCENE, deck, done)
+    target = cell_end(buffer, state.AT.scene, deck, done)
     until = max(0.0, target - book.cohort_front)
     step = min(duration, until)
     if step > 0.0:
@@ -1176,9 +1134,9 @@ def grow_cell(buffer, deck, duration):
         return step
     book.cohort_front = target
     index = new_slot(buffer, deck)
-    state.package_vector(buffer, state.AT_ON_PANEL, deck)[index] = cell_panel(buffer, deck, done)
-    state.package_vector(buffer, state.AT_CELL, deck)[done] = index
-    book.cells += 1.0
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = cell_panel(buffer, deck, done)
+    state.package_vector(buffer, state.AT.cell, deck)[done] = index
+    book.cells += 1
     end_cell(buffer, deck, done)
     return step
 
@@ -1187,7 +1145,7 @@ def grow_cell(buffer, deck, duration):
 def end_cell(buffer, deck, cell):
     """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
     panel = cell_panel(buffer, deck, cell)
-    index = int(state.package_vector(buffer, state.AT_CELL, deck)[cell])
+    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
     finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
     if cell + 1 == cell_count(buffer, deck):
         state.book(buffer, deck).covered = 1.0
@@ -1203,11 +1161,11 @@ def advance_top(buffer, duration):
     That is less than `duration` where a pile has moved on to the deck.
     """
     book = state.book(buffer, 0)
-    scene = state.scene(buffer, state.AT_SCENE, 0, 0)
-    velocity = panel_velocity(buffer, state.AT_SCENE, 0, 0)
+    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    velocity = panel_velocity(buffer, state.AT.scene, 0, 0)
     rate = book.cohort_fed
     deepest = PILE_DEPTH * deck_length(buffer, 0) * scene.density
-    slow = velocity == 0.0 or residence_time(buffer, state.AT_SCENE, 0) > PILE_TIME
+    slow = velocity == 0.0 or residence_time(buffer, state.AT.scene, 0) > PILE_TIME
     heavy = slow and rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
     if heavy and book.pile_open == 0.0:
         open_pile(buffer, 0)
@@ -1227,8 +1185,8 @@ def advance_top(buffer, duration):
 def extend_tail(buffer, deck, duration):
     """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
     book = state.book(buffer, deck)
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
-    velocity = panel_velocity(buffer, state.AT_SCENE, deck, 0)
+    length = state.package_vector(buffer, state.AT.length, deck)
+    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
     longest = cell_length(buffer, deck, 0) * JOIN
     fresh = velocity * duration
     count = book.packages
@@ -1236,11 +1194,11 @@ def extend_tail(buffer, deck, duration):
         tail = queue_slot(buffer, deck, count - 1)
         whole = length[tail] + fresh
         if panel_of(buffer, deck, tail) == 0 and whole <= longest:
-            load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, tail))
+            load = state.column(buffer, state.AT.load, state.slot(buffer, deck, tail))
             reference = state.node_vector(
-                buffer, state.AT_REFERENCE, state.slot(buffer, deck, tail)
+                buffer, state.AT.reference, state.slot(buffer, deck, tail)
             )
-            used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
+            used = state.package_vector(buffer, state.AT.layers_used, deck)
             part = length[tail] / whole
             for i in range(reference.size):
                 reference[i] *= part
@@ -1261,24 +1219,22 @@ def held_by_node(buffer, deck, held):
     """Add what lies on a deck to `held[node]`, kg; returns its sum over the sizes."""
     book = state.book(buffer, deck)
     width = deck_width(buffer, deck)
-    length = state.package_vector(buffer, state.AT_LENGTH, deck)
-    used = state.package_vector(buffer, state.AT_LAYERS_USED, deck)
-    queue, cell = (
-        state.package_vector(buffer, state.AT_QUEUE, deck),
-        state.package_vector(buffer, state.AT_CELL, deck),
-    )
+    length = state.package_vector(buffer, state.AT.length, deck)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    queue = state.package_vector(buffer, state.AT.queue, deck)
+    cell = state.package_vector(buffer, state.AT.cell, deck)
     packages = book.packages
     total = 0.0
     for place in range(packages + book.cells):
         index = int(queue[place]) if place < packages else int(cell[place - packages])
         area = width * length[index]
-        load = state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index))
+        load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
         total += area * bed_load(load, int(used[index]))
         for j in range(int(used[index])):
             for i in range(held.size):
                 held[i] += area * load[j, i]
     if book.covered == 0.0 and book.cohort_on > 0.0:
-        partial = state.column(buffer, state.AT_PARTIAL, deck)
+        partial = state.column(buffer, state.AT.partial, deck)
         total += width * bed_load(partial, book.partial_layers)
         for j in range(book.partial_layers):
             for i in range(held.size):
@@ -1290,8 +1246,8 @@ def held_by_node(buffer, deck, held):
 def package_load(buffer, deck, place):
     """Areal mass of a package of the queue, kg/m2."""
     index = queue_slot(buffer, deck, place)
-    used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
-    return bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used)
+    used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
+    return bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used)
 
 
 @kernel
@@ -1299,15 +1255,15 @@ def depth_at_feed(buffer, deck):
     """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
     book = state.book(buffer, deck)
     count = book.packages
-    density = state.scene(buffer, state.AT_SCENE, deck, 0).density
+    density = state.scene(buffer, state.AT.scene, deck, 0).density
     if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
         load = book.cohort_fed / deck_width(buffer, deck)
-        return load / (panel_velocity(buffer, state.AT_SCENE, deck, 0) * density)
+        return load / (panel_velocity(buffer, state.AT.scene, deck, 0) * density)
     if book.cells > 0.0:
-        index = int(state.package_vector(buffer, state.AT_CELL, deck)[0])
-        used = int(state.package_vector(buffer, state.AT_LAYERS_USED, deck)[index])
+        index = int(state.package_vector(buffer, state.AT.cell, deck)[0])
+        used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
         return (
-            bed_load(state.column(buffer, state.AT_LOAD, state.slot(buffer, deck, index)), used)
+            bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used)
             / density
         )
     return package_load(buffer, deck, count - 1) / density if count > 0 else 0.0
@@ -1317,11 +1273,11 @@ def depth_at_feed(buffer, deck):
 def depth_at_discharge(buffer, deck):
     """Depth of the bed at the discharge end, m."""
     book = state.book(buffer, deck)
-    density = state.scene(buffer, state.AT_SCENE, deck, 0).density
+    density = state.scene(buffer, state.AT.scene, deck, 0).density
     if book.covered > 0.0:
         if not in_cells(buffer, deck):
             return 0.0
-        return bed_load(state.column(buffer, state.AT_LEAD, deck), book.lead_layers) / density
+        return bed_load(state.column(buffer, state.AT.lead, deck), book.lead_layers) / density
     count = book.packages
     if count == 0:
         return 0.0
@@ -1330,7 +1286,7 @@ def depth_at_discharge(buffer, deck):
         front += package_span(buffer, deck, queue_slot(buffer, deck, place))
     end = deck_length(buffer, deck)
     if conveys(buffer, deck):
-        end = residence_time(buffer, state.AT_SCENE, deck)
+        end = residence_time(buffer, state.AT.scene, deck)
     slack = 1e-9 * end
     if panel_count(buffer, deck) > 1:
         # Where panels change their velocities, packages across their ends get longer or shorter.

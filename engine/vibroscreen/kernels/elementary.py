@@ -22,11 +22,9 @@ _INF = float("inf")
 _NAN = float("nan")
 # Sums of parts of which the first have so few digits that their multiples are exact.
 _LN2, _LN2_REST = 0.6931471805592082, 7.371002565167799e-13
-_QUARTER, _QUARTER_REST, _QUARTER_LAST = (
-    1.5707963267341256,
-    6.077100506303966e-11,
-    2.0222662487959506e-21,
-)
+_QUARTER = 1.5707963267341256
+_QUARTER_REST = 6.077100506303966e-11
+_QUARTER_LAST = 2.0222662487959506e-21
 _TURN = 6.283185307179586
 ANGLE_LIMIT = 1e6  # rad, to which multiples of a quarter turn are exact
 _WHOLE = 4503599627370496.0  # from here on every number is whole

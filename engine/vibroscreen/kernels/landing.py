@@ -28,38 +28,36 @@ SAME_PLACE = 1e-12
 @kernel
 def knot_vector(buffer, at, deck, knot):
     """What a field holds of a knot, by node."""
-    return state.node_vector(buffer, at, deck * int(buffer[state.N_KNOTS]) + knot)
+    return state.node_vector(buffer, at, deck * state.extent(buffer).knots + knot)
 
 
 @kernel
 def knot_places(buffer, deck):
     """Places of the knots of a deck, m."""
-    return state.vector(buffer, state.AT_KNOT_PLACE, int(buffer[state.N_KNOTS]), deck)
+    return state.vector(buffer, state.AT.knot_place, state.extent(buffer).knots, deck)
 
 
 @kernel
 def record_knot(buffer, place):
     """Add a knot of the deck that is recorded, from the rows passed and passing of `record`."""
-    deck = int(buffer[state.RECORDED]) - 1
+    deck = state.extent(buffer).recorded - 1
     book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
     count = book.knots
     again = count > 0 and place - places[count - 1] <= SAME_PLACE * deck_length(buffer, deck)
-    if not again and count == int(buffer[state.N_KNOTS]):
+    if not again and count == state.extent(buffer).knots:
         thin_knots(buffer, deck)
         count = book.knots
     knot = count - 1 if again else count
     width = deck_width(buffer, deck)
-    first = width * panel_velocity(buffer, state.AT_SCENE, deck, 0)
-    here = width * panel_velocity(buffer, state.AT_SCENE, deck, book.lead_panel)
-    before_passed = state.node_vector(buffer, state.AT_LEAD_PASSED, deck)
-    passed, passing = (
-        state.node_vector(buffer, state.AT_RECORD, 0),
-        state.node_vector(buffer, state.AT_RECORD, 1),
-    )
-    total = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot)
-    before = knot_vector(buffer, state.AT_KNOT_BEFORE, deck, knot)
-    after = knot_vector(buffer, state.AT_KNOT_AFTER, deck, knot)
+    first = width * panel_velocity(buffer, state.AT.scene, deck, 0)
+    here = width * panel_velocity(buffer, state.AT.scene, deck, book.lead_panel)
+    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    passed = state.node_vector(buffer, state.AT.record, 0)
+    passing = state.node_vector(buffer, state.AT.record, 1)
+    total = knot_vector(buffer, state.AT.knot_passed, deck, knot)
+    before = knot_vector(buffer, state.AT.knot_before, deck, knot)
+    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
     for i in range(passed.size):
         after[i] = width * passing[i]
         if not again:
@@ -75,7 +73,7 @@ def record_knot(buffer, place):
 @kernel
 def record_nothing(buffer, start, stop):
     """Add the knots of a stretch on which nothing passes."""
-    passed = state.vector(buffer, state.AT_RECORD, 2 * int(buffer[state.N_NODES]), 0)
+    passed = state.vector(buffer, state.AT.record, 2 * state.extent(buffer).nodes, 0)
     for i in range(passed.size):
         passed[i] = 0.0
     record_knot(buffer, start)
@@ -94,7 +92,7 @@ def thin_knots(buffer, deck):
             continue
         if kept != knot:
             places[kept] = places[knot]
-            for at in (state.AT_KNOT_PASSED, state.AT_KNOT_BEFORE, state.AT_KNOT_AFTER):
+            for at in (state.AT.knot_passed, state.AT.knot_before, state.AT.knot_after):
                 to = knot_vector(buffer, at, deck, kept)
                 come = knot_vector(buffer, at, deck, knot)
                 for i in range(to.size):
@@ -120,7 +118,7 @@ def lead_source(buffer, deck, place, velocity):
     upper, book = state.book(buffer, above), state.book(buffer, deck)
     places = knot_places(buffer, above)
     count = upper.knots
-    buffer[state.N_SOURCE] = 0.0
+    state.extent(buffer).source_terms = 0.0
     slack = SAME_PLACE * deck_length(buffer, deck)
     if count < 2 or place >= places[count - 1] - slack:
         return 1e300
@@ -132,13 +130,13 @@ def lead_source(buffer, deck, place, velocity):
     book.knot = knot
     width = places[knot + 1] - places[knot]
     x, rise = (place - places[knot]) / width, velocity / width
-    start = knot_vector(buffer, state.AT_KNOT_PASSED, above, knot)
-    stop = knot_vector(buffer, state.AT_KNOT_PASSED, above, knot + 1)
-    after = knot_vector(buffer, state.AT_KNOT_AFTER, above, knot)
-    before = knot_vector(buffer, state.AT_KNOT_BEFORE, above, knot + 1)
+    start = knot_vector(buffer, state.AT.knot_passed, above, knot)
+    stop = knot_vector(buffer, state.AT.knot_passed, above, knot + 1)
+    after = knot_vector(buffer, state.AT.knot_after, above, knot)
+    before = knot_vector(buffer, state.AT.knot_before, above, knot + 1)
     per_area = 1.0 / deck_width(buffer, deck)
     nodes = start.size
-    source = state.vector(buffer, state.AT_SOURCE, 3 * nodes, 0)
+    source = state.vector(buffer, state.AT.source, 3 * nodes, 0)
     for i in range(nodes):
         total = stop[i] - start[i]
         one, two = end_rates(total, after[i], before[i], width)
@@ -150,7 +148,7 @@ def lead_source(buffer, deck, place, velocity):
         source[nodes + i] = per_area * rise * (linear + 2.0 * x * square)
         source[2 * nodes + i] = per_area * rise * rise * square
         if total > 0.0:
-            buffer[state.N_SOURCE] = 3.0
+            state.extent(buffer).source_terms = 3.0
     return max(slack, places[knot + 1] - place) / velocity
 
 
@@ -167,14 +165,14 @@ def passed_up_to(buffer, deck, place, passed):
     knot = 0
     while knot + 2 < count and places[knot + 1] < place:
         knot += 1
-    start = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot)
+    start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
     if count == 1 or place <= places[knot]:
         for i in range(passed.size):
             passed[i] = start[i]
         return
-    stop = knot_vector(buffer, state.AT_KNOT_PASSED, deck, knot + 1)
-    after = knot_vector(buffer, state.AT_KNOT_AFTER, deck, knot)
-    before = knot_vector(buffer, state.AT_KNOT_BEFORE, deck, knot + 1)
+    stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
+    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
+    before = knot_vector(buffer, state.AT.knot_before, deck, knot + 1)
     width = places[knot + 1] - places[knot]
     x = min(1.0, (place - places[knot]) / width)
     for i in range(passed.size):
@@ -189,15 +187,15 @@ def passed_up_to(buffer, deck, place, passed):
 @kernel
 def fall_vector(buffer, deck, row):
     """What fell from a package of a deck, by node, kg."""
-    return state.node_vector(buffer, state.AT_FALL, deck * int(buffer[state.N_FALLS]) + row)
+    return state.node_vector(buffer, state.AT.fall, deck * state.extent(buffer).falls + row)
 
 
 @kernel
 def clear_falls(buffer, deck):
     """Forget what fell from a deck; what falls from now on is steady if the deck is."""
-    count = state.vector(buffer, state.AT_FALL_COUNT, 4, deck)
+    count = state.vector(buffer, state.AT.fall_count, 4, deck)
     count[0], count[1] = 0.0, state.book(buffer, deck).covered
-    fallen = state.node_vector(buffer, state.AT_FALL_COHORT, deck)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
     for i in range(fallen.size):
         fallen[i] = 0.0
 
@@ -205,17 +203,17 @@ def clear_falls(buffer, deck):
 @kernel
 def fell_steadily(buffer, deck):
     """Whether the deck was steady when what fell from it began to fall."""
-    return state.vector(buffer, state.AT_FALL_COUNT, 4, deck)[1] == 1.0
+    return state.vector(buffer, state.AT.fall_count, 4, deck)[1] == 1.0
 
 
 @kernel
 def fall_row(buffer, deck, row, start, stop):
     """Begin to record what falls from a package, from its rear and front (riding times, s)."""
-    if deck + 1 == int(buffer[state.N_DECKS]):
+    if deck + 1 == state.extent(buffer).decks:
         return
-    falls = int(buffer[state.N_FALLS])
-    state.vector(buffer, state.AT_FALL_START, falls, deck)[row] = start
-    state.vector(buffer, state.AT_FALL_STOP, falls, deck)[row] = stop
+    falls = state.extent(buffer).falls
+    state.vector(buffer, state.AT.fall_start, falls, deck)[row] = start
+    state.vector(buffer, state.AT.fall_stop, falls, deck)[row] = stop
     fallen = fall_vector(buffer, deck, row)
     for i in range(fallen.size):
         fallen[i] = 0.0
@@ -225,7 +223,7 @@ def fall_row(buffer, deck, row, start, stop):
 def clear_landing(buffer, count):
     """Nothing lands on the packages of a deck."""
     for row in range(count):
-        landing = state.node_vector(buffer, state.AT_LANDING, row)
+        landing = state.node_vector(buffer, state.AT.landing, row)
         for i in range(landing.size):
             landing[i] = 0.0
 
@@ -238,20 +236,16 @@ def lay_records(buffer, deck, count, share, moment):
     package is under goes to the nearest one.
     """
     above = deck - 1
-    falls = int(buffer[state.N_FALLS])
-    start, stop = (
-        state.vector(buffer, state.AT_FALL_START, falls, above),
-        state.vector(buffer, state.AT_FALL_STOP, falls, above),
-    )
-    here, there = (
-        state.vector(buffer, state.AT_LANDING_START, falls, 0),
-        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
-    )
+    falls = state.extent(buffer).falls
+    start = state.vector(buffer, state.AT.fall_start, falls, above)
+    stop = state.vector(buffer, state.AT.fall_stop, falls, above)
+    here = state.vector(buffer, state.AT.landing_start, falls, 0)
+    there = state.vector(buffer, state.AT.landing_stop, falls, 0)
     length = deck_length(buffer, deck)
     ridden = moment if conveys(buffer, above) else 0.0
-    for row in range(int(state.vector(buffer, state.AT_FALL_COUNT, 4, above)[0])):
-        low = place_after(buffer, state.AT_SCENE, above, start[row] + ridden)
-        high = place_after(buffer, state.AT_SCENE, above, stop[row] + ridden)
+    for row in range(int(state.vector(buffer, state.AT.fall_count, 4, above)[0])):
+        low = place_after(buffer, state.AT.scene, above, start[row] + ridden)
+        high = place_after(buffer, state.AT.scene, above, stop[row] + ridden)
         low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
         if high <= low:
             # What a pile before the feed end passes, and what has just left.
@@ -271,11 +265,11 @@ def lay_records(buffer, deck, count, share, moment):
             if overlap > 0.0:
                 part = min(overlap, left)
                 left -= part
-                landing = state.node_vector(buffer, state.AT_LANDING, package)
+                landing = state.node_vector(buffer, state.AT.landing, package)
                 for i in range(landing.size):
                     landing[i] += part * share * fallen[i]
         if left > 0.0 and nearest >= 0:
-            landing = state.node_vector(buffer, state.AT_LANDING, nearest)
+            landing = state.node_vector(buffer, state.AT.landing, nearest)
             for i in range(landing.size):
                 landing[i] += left * share * fallen[i]
 
@@ -289,22 +283,16 @@ def lay_cohort(buffer, deck, count, share, moment):
     """
     above = deck - 1
     upper = state.book(buffer, above)
-    falls = int(buffer[state.N_FALLS])
-    here, there = (
-        state.vector(buffer, state.AT_LANDING_START, falls, 0),
-        state.vector(buffer, state.AT_LANDING_STOP, falls, 0),
-    )
-    fallen, carry = (
-        state.node_vector(buffer, state.AT_FALL_COHORT, above),
-        state.node_vector(buffer, state.AT_CARRY, deck),
-    )
+    falls = state.extent(buffer).falls
+    here = state.vector(buffer, state.AT.landing_start, falls, 0)
+    there = state.vector(buffer, state.AT.landing_stop, falls, 0)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, above)
+    carry = state.node_vector(buffer, state.AT.carry, deck)
     nodes = fallen.size
-    due = state.node_vector(buffer, state.AT_NODE_WORK, 0)
-    low, high = (
-        state.node_vector(buffer, state.AT_NODE_WORK, 1),
-        state.node_vector(buffer, state.AT_NODE_WORK, 2),
-    )
-    whole = state.node_vector(buffer, state.AT_NODE_WORK, 3)
+    due = state.node_vector(buffer, state.AT.node_work, 0)
+    low = state.node_vector(buffer, state.AT.node_work, 1)
+    high = state.node_vector(buffer, state.AT.node_work, 2)
+    whole = state.node_vector(buffer, state.AT.node_work, 3)
     last = -1
     for package in range(count):
         if there[package] > here[package]:
@@ -320,7 +308,7 @@ def lay_cohort(buffer, deck, count, share, moment):
     front = deck_length(buffer, above)
     if not fell_steadily(buffer, above):
         ridden = max(0.0, upper.cohort_front - moment)
-        front = min(front, place_after(buffer, state.AT_SCENE, above, ridden))
+        front = min(front, place_after(buffer, state.AT.scene, above, ridden))
     rear = min(front, here[last])
     passed_up_to(buffer, above, rear, low)
     passed_up_to(buffer, above, front, whole)
@@ -329,13 +317,13 @@ def lay_cohort(buffer, deck, count, share, moment):
         if there[package] <= here[package] or here[package] >= front:
             continue
         passed_up_to(buffer, above, min(front, there[package]), high)
-        landing = state.node_vector(buffer, state.AT_LANDING, package)
+        landing = state.node_vector(buffer, state.AT.landing, package)
         for i in range(nodes):
             rest = whole[i] - low[i]
             part = due[i] * min(1.0, max(0.0, high[i] - low[i]) / rest) if rest > 0.0 else 0.0
             landing[i] += part
             due[i] -= part
             low[i] = max(low[i], high[i])
-    landing = state.node_vector(buffer, state.AT_LANDING, last)
+    landing = state.node_vector(buffer, state.AT.landing, last)
     for i in range(nodes):
         landing[i] += due[i]

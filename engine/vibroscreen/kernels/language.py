@@ -101,6 +101,28 @@ class Record(tuple[str, ...]):
         return np.dtype([(name, float) for name in self])
 
 
+class Places(tuple[str, ...]):
+    """Names that stand for whole numbers from `first` on: places in a row, read by name."""
+
+    first: int
+
+    def __new__(cls, first: int, names: Iterable[str]) -> Places:
+        made = super().__new__(cls, names)
+        made.first = first
+        return made
+
+    def __getnewargs__(self) -> tuple[int, tuple[str, ...]]:
+        return self.first, tuple(self)
+
+    def __getattr__(self, name: str) -> int:
+        if name not in self:
+            raise AttributeError(name)
+        return self.first + self.index(name)
+
+    def __repr__(self) -> str:
+        return f"Places({self.first}: {', '.join(self)})"
+
+
 class Row:
     """The numbers of a record at a place of a buffer, as plain Python reads and writes them."""
 

@@ -151,7 +151,16 @@ class RowType(types.Type):
         super().__init__(name=f"row {record!r}")
 
 
+class PlacesType(types.Type):
+    """Type of names of places, which hold no value."""
+
+    def __init__(self, places: language.Places) -> None:
+        self.places = places
+        super().__init__(name=repr(places))
+
+
 register_model(KindType)(models.OpaqueModel)
+register_model(PlacesType)(models.OpaqueModel)
 
 
 @register_model(RowType)
@@ -165,7 +174,26 @@ def _kind_of(record: language.Record, _context: Any) -> KindType:
     return KindType(record)
 
 
+@typeof_impl.register(language.Places)
+def _places_of(places: language.Places, _context: Any) -> PlacesType:
+    return PlacesType(places)
+
+
+@infer_getattr
+class _NamesOfPlaces(AttributeTemplate):
+    key = PlacesType
+
+    def generic_resolve(self, kind: PlacesType, name: str) -> Any:
+        return types.int64 if name in kind.places else None
+
+
+@lower_getattr_generic(PlacesType)
+def _get_place(_context: Any, _builder: Any, kind: PlacesType, _value: Any, name: str) -> Any:
+    return _I64(getattr(kind.places, name))
+
+
 @lower_constant(KindType)
+@lower_constant(PlacesType)
 def _no_value(context: Any, _builder: Any, _kind: Any, _value: Any) -> Any:
     return context.get_dummy_value()
 

@@ -122,77 +122,75 @@ SAFETY, SAFETY_WIDE = 0.93, 0.85
 @kernel
 def begin_parts(buffer, count, start):
     """Want the means over `count` parts of a trajectory, the first of which begins at `start` s."""
-    buffer[state.N_PARTS], buffer[state.PART], buffer[state.PARTS_FROM] = count, 0.0, start
+    state.extent(buffer).parts = count
+    state.extent(buffer).part = 0.0
+    state.extent(buffer).parts_from = start
 
 
 @kernel
 def time_in_part(buffer, moment, left):
     """Time until the part at hand begins or ends, at most what is left, s."""
-    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
-    until = ends[int(buffer[state.PART])] - moment
-    if moment < buffer[state.PARTS_FROM]:
-        until = buffer[state.PARTS_FROM] - moment
+    ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
+    until = ends[state.extent(buffer).part] - moment
+    if moment < state.extent(buffer).parts_from:
+        until = state.extent(buffer).parts_from - moment
     return min(left, until) if until > 0.0 else left
 
 
 @kernel
 def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
     """Add the first `taken` s of an explicit step of h, not yet taken, to the parts it meets."""
-    ends = state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)
+    ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
     begin = (
-        buffer[state.PARTS_FROM] if buffer[state.PART] == 0.0 else ends[int(buffer[state.PART]) - 1]
+        state.extent(buffer).parts_from
+        if state.extent(buffer).part == 0.0
+        else ends[state.extent(buffer).part - 1]
     )
-    while buffer[state.PART] < buffer[state.N_PARTS] and begin < moment + taken:
-        end = ends[int(buffer[state.PART])]
+    while state.extent(buffer).part < state.extent(buffer).parts and begin < moment + taken:
+        end = ends[state.extent(buffer).part]
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
             integral_in_step(buffer, layers, h, a, b, scheme)
-            held = block_load(buffer, state.AT_TRIAL, OF_PART)
+            held = block_load(buffer, state.AT.trial, OF_PART)
             if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
-                carry_debts(block_passed(buffer, state.AT_TRIAL, OF_PART), held, layers)
+                carry_debts(block_passed(buffer, state.AT.trial, OF_PART), held, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return
         begin = end
-        buffer[state.PART] += 1.0
+        state.extent(buffer).part += 1
 
 
 @kernel
 def add_integral_to_part(buffer, rows, h, moment):
     """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
-    if moment < buffer[state.PARTS_FROM]:
+    if moment < state.extent(buffer).parts_from:
         return
-    before, total = block(buffer, state.AT_STAGE, K2), block(buffer, state.AT_STAGE, INTEGRAL)
-    out = block(buffer, state.AT_TRIAL, OF_PART)
-    for i in range((rows + 1) * int(buffer[state.N_ACTIVE])):
+    before, total = block(buffer, state.AT.stage, K2), block(buffer, state.AT.stage, INTEGRAL)
+    out = block(buffer, state.AT.trial, OF_PART)
+    for i in range((rows + 1) * state.extent(buffer).active):
         out[i] = total[i] - before[i]
     give_to_part(buffer, rows, h)
-    part = int(buffer[state.PART])
+    part = state.extent(buffer).part
     if (
         moment + h
-        >= state.vector(buffer, state.AT_PART_END, int(buffer[state.N_PACKAGES]), 0)[part]
+        >= state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)[part]
     ):
-        buffer[state.PART] += 1.0
+        state.extent(buffer).part += 1
 
 
 @kernel
 def give_to_part(buffer, rows, duration):
     """Add block OF_PART, the integral over `duration` s, to the part at hand."""
-    part, nodes = int(buffer[state.PART]), int(buffer[state.N_NODES])
-    whole = int(state.vector(buffer, state.AT_PART_SLOT, int(buffer[state.N_PACKAGES]), 0)[part])
-    load, passed = (
-        state.column(buffer, state.AT_LOAD, whole),
-        state.node_vector(buffer, state.AT_PART_PASSED, part),
-    )
-    place, share = (
-        state.node_vector(buffer, state.AT_PLACE, 0),
-        state.node_vector(buffer, state.AT_SHARE, 0),
-    )
-    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    gone, held = (
-        block_passed(buffer, state.AT_TRIAL, OF_PART),
-        block_load(buffer, state.AT_TRIAL, OF_PART),
-    )
+    part, nodes = state.extent(buffer).part, state.extent(buffer).nodes
+    whole = int(state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)[part])
+    load = state.column(buffer, state.AT.load, whole)
+    passed = state.node_vector(buffer, state.AT.part_passed, part)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    gone = block_passed(buffer, state.AT.trial, OF_PART)
+    held = block_load(buffer, state.AT.trial, OF_PART)
     straight = places_kept(place)
     for i in range(straight):
         passed[i] += duration * flux[i] + share[i] * gone[i]
@@ -271,13 +269,11 @@ def misplaced(buffer, scene, layers, now, rate, over):
     refilled. Both grow with what is drawn too much, so their integral does with its square. The
     same for every layer that runs out, down to the contact layer, which may not.
     """
-    load, change = block_load(buffer, state.AT_STAGE, now), block_load(buffer, state.AT_STAGE, rate)
-    share = block_share(buffer, state.AT_STAGE, now, layers)
-    weight = active_vector(buffer, state.AT_COMPACT, 1)
-    error, flux = (
-        active_vector(buffer, state.AT_NODE_WORK, 1),
-        active_vector(buffer, state.AT_NODE_WORK, 2),
-    )
+    load, change = block_load(buffer, state.AT.stage, now), block_load(buffer, state.AT.stage, rate)
+    share = block_share(buffer, state.AT.stage, now, layers)
+    weight = active_vector(buffer, state.AT.compact, 1)
+    error = active_vector(buffer, state.AT.node_work, 1)
+    flux = active_vector(buffer, state.AT.node_work, 2)
     full = scene.layer_full
     row = layers - 1
     lost = -layer_mass(change, row)
@@ -313,7 +309,7 @@ def over_allowed(buffer, scene, book, layers, h, growth):
 @kernel
 def settle_top(buffer, scene, layers, growth):
     """Close a top layer that has run out, open one above a full one; returns the layers."""
-    load = block_load(buffer, state.AT_STAGE, NOW)
+    load = block_load(buffer, state.AT.stage, NOW)
     nodes = load.shape[1]
     full = scene.layer_full if layers > 1 else scene.contact_load
     mass = layer_mass(load, layers - 1)
@@ -322,7 +318,7 @@ def settle_top(buffer, scene, layers, growth):
             load[layers - 2, i] += load[layers - 1, i]
             load[layers - 1, i] = 0.0
         return layers - 1
-    open_next = buffer[state.LAYERED] > 0.0 and growth > 0.0 and layers < load.shape[0]
+    open_next = state.extent(buffer).layered > 0.0 and growth > 0.0 and layers < load.shape[0]
     if open_next and mass >= (1.0 - LANDING) * full:
         for i in range(nodes):
             load[layers, i] = 0.0
@@ -333,17 +329,17 @@ def settle_top(buffer, scene, layers, growth):
 @kernel
 def top_growth(buffer, layers):
     """What the top layer gains, kg/(m2 s), by the rates in K1."""
-    return layer_mass(block_load(buffer, state.AT_STAGE, K1), layers - 1)
+    return layer_mass(block_load(buffer, state.AT.stage, K1), layers - 1)
 
 
 @kernel
 def clear_sums(buffer, rows):
     """Zero the sums of `integrate` in `rows` layers."""
     for row in range(2):
-        flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, row)
+        flux = state.node_vector(buffer, state.AT.column_flux, row)
         for i in range(flux.size):
             flux[i] = 0.0
-    total_time = state.column(buffer, state.AT_COLUMN_TIME, 0)
+    total_time = state.column(buffer, state.AT.column_time, 0)
     for j in range(rows):
         for i in range(total_time.shape[1]):
             total_time[j, i] = 0.0
@@ -360,14 +356,14 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
-    clear_sums(buffer, layers if buffer[state.N_SOURCE] == 0.0 else load.shape[0])
+    clear_sums(buffer, layers if state.extent(buffer).source_terms == 0.0 else load.shape[0])
     used = layers
     explicit = state.switches(buffer).explicit > 0.0
     shortest = SHORTEST * max(duration, scene.horizon)
     left = duration
     while left > 0.0:
         gather(buffer, scene, load, reference, layers)
-        layers_for(buffer, scene, bed_load(block_load(buffer, state.AT_STAGE, NOW), layers))
+        layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
         before, rows = left, layers
         layers, left = advance_block(
             buffer, scene, book, layers, duration, left, shortest, explicit
@@ -389,7 +385,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
     layers: there the implicit scheme has every layer mixed evenly.
     """
     counter = state.counters(buffer)
-    load = block_load(buffer, state.AT_STAGE, NOW)
+    load = block_load(buffer, state.AT.stage, NOW)
     most = layers
     linear = reconstructed(buffer)
     fresh = False  # whether K1 holds the rates at NOW
@@ -400,7 +396,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         moment = duration - left
         if not fresh:
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, moment)
+            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
         for attempt in range(2):
             settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
             if settled == layers or (attempt == 1 and settled > layers):
@@ -408,9 +404,9 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             layers = settled
             most = max(most, layers)
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, moment)
+            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
             before, h = 0.0, 0.0
-        if buffer[state.RECORDED] > 0.0:
+        if state.extent(buffer).recorded > 0.0:
             note_passage(buffer, scene, moment)
         growth = top_growth(buffer, layers)
         slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
@@ -420,7 +416,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
         # A full bed that only round-off makes grow is not deep.
         least = LANDING * scene.layer_full / left
         deep = scene.layer_full > scene.layer_load or (
-            layers == load.shape[0] and buffer[state.LAYERED] > 0.0 and growth > least
+            layers == load.shape[0] and state.extent(buffer).layered > 0.0 and growth > least
         )
         stiff = not explicit or fastest * left >= STIFF
         if not deep and (linear or not stiff):
@@ -429,7 +425,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             )
             counter.column_steps += 1
             before = growth
-            if buffer[state.PART] < buffer[state.N_PARTS]:
+            if state.extent(buffer).part < state.extent(buffer).parts:
                 add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
             ended = landed == 1.0  # with its last rates at its end
             if landed < 1.0:
@@ -444,7 +440,7 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
                 before = 0.0
             if not paid:
                 past = layer_mass(load, layers - 1) < 0.0
-                carry_debts(block_passed(buffer, state.AT_STAGE, NOW), load, layers)
+                carry_debts(block_passed(buffer, state.AT.stage, NOW), load, layers)
                 if linear or past:  # faces have debts in any layer: fill those that paid
                     layers = restack(buffer, scene, load, layers)
                     most = max(most, layers)
@@ -453,29 +449,27 @@ def advance_block(buffer, scene, book, layers, duration, left, shortest, explici
             keep_top_share(buffer, layers)
         else:
             until = left
-            if buffer[state.PART] < buffer[state.N_PARTS]:
+            if state.extent(buffer).part < state.extent(buffer).parts:
                 until = time_in_part(buffer, moment, left)
-                before_sum, sums = (
-                    block(buffer, state.AT_STAGE, K2),
-                    block(buffer, state.AT_STAGE, INTEGRAL),
-                )
+                before_sum = block(buffer, state.AT.stage, K2)
+                sums = block(buffer, state.AT.stage, INTEGRAL)
                 for i in range(sums.size):
                     before_sum[i] = sums[i]
             h = implicit_length(buffer, scene, book, layers, until, kink, moment, shortest)
             counter.column_steps += 1
             rows = book.rows
             layers = take_implicit(buffer, scene, rows, h)
-            if buffer[state.PART] < buffer[state.N_PARTS]:
+            if state.extent(buffer).part < state.extent(buffer).parts:
                 add_integral_to_part(buffer, rows, h, moment)
             most = max(most, rows)
             if scene.layer_full > scene.layer_load:
                 book.capacity_alarm = 1.0
             fresh = False
         left = 0.0 if h == left else left - h
-    if left <= 0.0 and buffer[state.RECORDED] > 0.0:
+    if left <= 0.0 and state.extent(buffer).recorded > 0.0:
         if not fresh:
             keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT_STAGE, NOW, layers, state.AT_STAGE, K1, duration)
+            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, duration)
         note_passage(buffer, scene, duration)
     book.rows = most
     return layers, left
@@ -517,7 +511,10 @@ def choose_scheme(buffer, book, fastest, left):
                 scheme, h, rates = CHAIN, reach, stages
             if reach == wide:
                 break
-    if wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] and buffer[state.N_SOURCE] < 2.0:
+    if (
+        wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
+        and state.extent(buffer).source_terms < 2.0
+    ):
         reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
         if stages_for(reach * fastest) * h < rates * reach:
             scheme, h = STABILISED, reach
@@ -562,10 +559,8 @@ def explicit_length(
     before a kink; 1: all.
     """
     counter = state.counters(buffer)
-    load, staged = (
-        block_load(buffer, state.AT_STAGE, NOW),
-        block_load(buffer, state.AT_STAGE, STAGED),
-    )
+    load = block_load(buffer, state.AT.stage, NOW)
+    staged = block_load(buffer, state.AT.stage, STAGED)
     full = scene.layer_full if layers > 1 else scene.contact_load
     mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
     kinks = has_kinks(buffer)
@@ -582,7 +577,7 @@ def explicit_length(
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
         past = PAST * kink if layers > 1 and growth < 0.0 else kink
         h = min(past, longest_step(scheme, h, fastest), left)
-    landings, first = 0, book.wide == 0.0 and buffer[state.N_PARTS] > 0.0
+    landings, first = 0, book.wide == 0.0 and state.extent(buffer).parts > 0.0
     landed = 1.0
     while True:
         allowed = margin[scheme] * allowance(buffer, scene, book, h)
@@ -594,7 +589,7 @@ def explicit_length(
             error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
         else:
             error = pair_step(buffer, scene, layers, h, moment) / allowed
-            if not kinks and buffer[state.N_SOURCE] == 0.0:
+            if not kinks and state.extent(buffer).source_terms == 0.0:
                 error *= max(LEAST_HIGHER, HIGHER * h * fastest)
         moved = abs(layer_mass(staged, layers - 1) - mass)
         lands = distance > 0.0 and moved > distance + miss * full and landings < 8
@@ -645,16 +640,12 @@ def explicit_length(
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place, share = (
-        state.node_vector(buffer, state.AT_PLACE, 0),
-        state.node_vector(buffer, state.AT_SHARE, 0),
-    )
-    passed, passing = (
-        state.node_vector(buffer, state.AT_RECORD, 0),
-        state.node_vector(buffer, state.AT_RECORD, 1),
-    )
-    before = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    now, rate = block_passed(buffer, state.AT_STAGE, NOW), block_passed(buffer, state.AT_STAGE, K1)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    passed = state.node_vector(buffer, state.AT.record, 0)
+    passing = state.node_vector(buffer, state.AT.record, 1)
+    before = state.node_vector(buffer, state.AT.column_flux, 0)
+    now, rate = block_passed(buffer, state.AT.stage, NOW), block_passed(buffer, state.AT.stage, K1)
     for i in range(passed.size):
         n = int(place[i])
         passed[i] = before[i]
@@ -662,7 +653,7 @@ def note_passage(buffer, scene, moment):
         if n >= 0:
             passed[i] += share[i] * now[n]
             passing[i] = share[i] * rate[n]
-    record_knot(buffer, buffer[state.RECORDED_FROM] + moment * scene.transport_velocity)
+    record_knot(buffer, state.extent(buffer).recorded_from + moment * scene.transport_velocity)
 
 
 @kernel
@@ -698,7 +689,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     allowed = allowance(buffer, scene, book, h)
     counter = state.counters(buffer)
     target = book.order
-    rows = rows_in_use(buffer, scene, block_load(buffer, state.AT_STAGE, NOW), layers, h, moment)
+    rows = rows_in_use(buffer, scene, block_load(buffer, state.AT.stage, NOW), layers, h, moment)
     book.rows = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0

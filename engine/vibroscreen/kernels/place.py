@@ -13,13 +13,13 @@ from vibroscreen.kernels.language import kernel
 @kernel
 def panel_count(buffer, deck):
     """Number of panels of a deck."""
-    return int(state.vector(buffer, state.AT_PANEL_COUNT, int(buffer[state.N_DECKS]), 0)[deck])
+    return int(state.vector(buffer, state.AT.panel_count, state.extent(buffer).decks, 0)[deck])
 
 
 @kernel
 def deck_width(buffer, deck):
     """Width of a deck, m."""
-    return state.vector(buffer, state.AT_WIDTH, int(buffer[state.N_DECKS]), 0)[deck]
+    return state.vector(buffer, state.AT.width, state.extent(buffer).decks, 0)[deck]
 
 
 @kernel
@@ -40,7 +40,7 @@ def panel_velocity(buffer, at, deck, panel):
 @kernel
 def conveys(buffer, deck):
     """Whether the bed moves along a deck."""
-    return panel_velocity(buffer, state.AT_SCENE, deck, 0) > 0.0
+    return panel_velocity(buffer, state.AT.scene, deck, 0) > 0.0
 
 
 @kernel
@@ -99,7 +99,7 @@ def place_after(buffer, at, deck, time):
 @kernel
 def panel_cells(buffer, deck, panel):
     """Number of cells of the cohort on a panel."""
-    return int(state.vector(buffer, state.AT_PANEL_CELLS, int(buffer[state.N_PANELS]), deck)[panel])
+    return int(state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)[panel])
 
 
 @kernel

@@ -62,13 +62,13 @@ def plan(buffer, aperture, velocity):
     """
     parameter = state.parameters(buffer)
     cells = cells_for(parameter.tolerance, LEAST_CELLS)
-    buffer[state.N_CELLS] = cells
+    state.extent(buffer).cells = cells
     if aperture.size > 0:
         first = between(aperture, velocity, state.panel(buffer, 0, 0).aperture)
         parameter.passage_velocity = first
-    for deck in range(int(buffer[state.N_DECKS])):
-        share = state.vector(buffer, state.AT_PANEL_CELLS, int(buffer[state.N_PANELS]), deck)
-        factor = state.vector(buffer, state.AT_PASSAGE_FACTOR, int(buffer[state.N_PANELS]), deck)
+    for deck in range(state.extent(buffer).decks):
+        share = state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)
+        factor = state.vector(buffer, state.AT.passage_factor, state.extent(buffer).panels, deck)
         panels = panel_count(buffer, deck)
         # The lengths lie apart from each other: in a row for a moment.
         for k in range(panels):

@@ -53,45 +53,45 @@ LOWER, UPPER = 0, 1
 @kernel
 def active_vector(buffer, at, row):
     """Row `row` of a field of vectors over the sizes that take part."""
-    return state.vector(buffer, at, int(buffer[state.N_ACTIVE]), row)
+    return state.vector(buffer, at, state.extent(buffer).active, row)
 
 
 @kernel
 def active_column(buffer, at):
     """A work column over the sizes that take part."""
-    return view2(buffer, int(buffer[at]), int(buffer[state.N_LAYERS]), int(buffer[state.N_ACTIVE]))
+    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
 
 
 @kernel
 def block(buffer, at, index):
     """A block as one vector: what passed, the loads of the layers, the share of the top one."""
-    rows = int(buffer[state.N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
-    return view1(buffer, start, rows * int(buffer[state.N_ACTIVE]))
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    return view1(buffer, start, rows * state.extent(buffer).active)
 
 
 @kernel
 def block_passed(buffer, at, index):
     """What passed, row 0 of a block."""
-    rows = int(buffer[state.N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
-    return view1(buffer, start, int(buffer[state.N_ACTIVE]))
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    return view1(buffer, start, state.extent(buffer).active)
 
 
 @kernel
 def block_load(buffer, at, index):
     """Loads of a block [layer, active size]."""
-    rows = int(buffer[state.N_LAYERS]) + 2
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
-    start += int(buffer[state.N_ACTIVE])
-    return view2(buffer, start, rows - 2, int(buffer[state.N_ACTIVE]))
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    start += state.extent(buffer).active
+    return view2(buffer, start, rows - 2, state.extent(buffer).active)
 
 
 @kernel
 def block_share(buffer, at, index, layers):
     """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
-    rows, nodes = int(buffer[state.N_LAYERS]) + 2, int(buffer[state.N_ACTIVE])
-    start = int(buffer[at]) + index * rows * in_fours(int(buffer[state.N_NODES]))
+    rows, nodes = state.extent(buffer).layers + 2, state.extent(buffer).active
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
     return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
 
 
@@ -101,17 +101,17 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = state.node_vector(buffer, state.AT_SIZE, 0)
+    size = state.node_vector(buffer, state.AT.size, 0)
     nodes = size.size
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
     known = parameter.passage_law <= BOUNCE and model <= CLASSIFIED
     if state.switches(buffer).coarse_sizes == 0.0 or not known:
         return nodes
-    if buffer[state.N_SOURCE] > 0.0:
+    if state.extent(buffer).source_terms > 0.0:
         return nodes
     closed = scene.aperture
-    if buffer[state.LAYERED] > 0.0:
+    if state.extent(buffer).layered > 0.0:
         gap = gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
         closed = max(closed, gap)
     first = nodes
@@ -142,17 +142,13 @@ def gather(buffer, scene, load, reference, layers):
     switch = state.switches(buffer)
     counter = state.counters(buffer)
     tolerance = state.parameters(buffer).tolerance
-    size, held = (
-        state.node_vector(buffer, state.AT_SIZE, 0),
-        state.node_vector(buffer, state.AT_NODE_WORK, 0),
-    )
-    place, share = (
-        state.node_vector(buffer, state.AT_PLACE, 0),
-        state.node_vector(buffer, state.AT_SHARE, 0),
-    )
-    source = view2(buffer, int(buffer[state.AT_SOURCE]), 3, nodes)
-    flux = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    terms = int(buffer[state.N_SOURCE])
+    size = state.node_vector(buffer, state.AT.size, 0)
+    held = state.node_vector(buffer, state.AT.node_work, 0)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    terms = state.extent(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * tolerance
     coarse = first_coarse(buffer, scene, load, layers)
@@ -189,9 +185,9 @@ def gather(buffer, scene, load, reference, layers):
     if gathered > 0.0:
         counter.coarse_sizes_skipped += nodes - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
-    buffer[state.N_ACTIVE] = in_fours(taking_part)
+    state.extent(buffer).active = in_fours(taking_part)
     fill_block(buffer, load, reference, layers, coarse)
-    compact_size = active_vector(buffer, state.AT_COMPACT, 0)
+    compact_size = active_vector(buffer, state.AT.compact, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
     for n in range(taking_part, compact_size.size):
@@ -212,17 +208,15 @@ def places_kept(place):
 def fill_block(buffer, load, reference, layers, coarse):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     nodes = load.shape[1]
-    count = int(buffer[state.N_ACTIVE])
-    size, place = (
-        state.node_vector(buffer, state.AT_SIZE, 0),
-        state.node_vector(buffer, state.AT_PLACE, 0),
-    )
-    source = view2(buffer, int(buffer[state.AT_SOURCE]), 3, nodes)
-    compact_size = active_vector(buffer, state.AT_COMPACT, 0)
-    weight = active_vector(buffer, state.AT_COMPACT, 1)
-    landing = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, count)
-    now, integral = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, INTEGRAL)
-    terms = int(buffer[state.N_SOURCE])
+    count = state.extent(buffer).active
+    size = state.node_vector(buffer, state.AT.size, 0)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    compact_size = active_vector(buffer, state.AT.compact, 0)
+    weight = active_vector(buffer, state.AT.compact, 1)
+    landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
+    now, integral = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    terms = state.extent(buffer).source_terms
     rows_above = layers if terms == 0 else load.shape[0]
     for k in range((rows_above + 1) * count):
         now[k] = 0.0
@@ -244,7 +238,7 @@ def fill_block(buffer, load, reference, layers, coarse):
             n = int(place[i])
             if n >= 0:
                 landing[k, n] = source[k, i]
-    rows = block_load(buffer, state.AT_STAGE, NOW)
+    rows = block_load(buffer, state.AT.stage, NOW)
     straight = min(coarse, places_kept(place))
     for j in range(layers):
         for i in range(straight):
@@ -263,21 +257,15 @@ def fill_block(buffer, load, reference, layers, coarse):
 def scatter(buffer, load, layers, rows, elapsed):
     """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
     nodes = load.shape[1]
-    place, share = (
-        state.node_vector(buffer, state.AT_PLACE, 0),
-        state.node_vector(buffer, state.AT_SHARE, 0),
-    )
-    now, integral = (
-        block_load(buffer, state.AT_STAGE, NOW),
-        block_load(buffer, state.AT_STAGE, INTEGRAL),
-    )
-    gone, gone_time = (
-        block_passed(buffer, state.AT_STAGE, NOW),
-        block_passed(buffer, state.AT_STAGE, INTEGRAL),
-    )
-    passed = state.node_vector(buffer, state.AT_COLUMN_FLUX, 0)
-    passed_time = state.node_vector(buffer, state.AT_COLUMN_FLUX, 1)
-    time = state.column(buffer, state.AT_COLUMN_TIME, 0)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    now = block_load(buffer, state.AT.stage, NOW)
+    integral = block_load(buffer, state.AT.stage, INTEGRAL)
+    gone = block_passed(buffer, state.AT.stage, NOW)
+    gone_time = block_passed(buffer, state.AT.stage, INTEGRAL)
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    time = state.column(buffer, state.AT.column_time, 0)
     for i in range(nodes):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
@@ -318,9 +306,9 @@ def layers_for(buffer, scene, mass):
     scene.bed_load = mass
     scene.layer_full = scene.layer_load
     above = mass - scene.contact_load
-    if buffer[state.LAYERED] == 0.0 or above <= SLIVER * scene.layer_load:
+    if state.extent(buffer).layered == 0.0 or above <= SLIVER * scene.layer_load:
         return 1
-    most = int(buffer[state.N_LAYERS]) - 1
+    most = state.extent(buffer).layers - 1
     if above > most * scene.layer_load * (1.0 + SLIVER):
         scene.layer_full = above / most
         return 1 + most
@@ -338,7 +326,7 @@ def restack(buffer, scene, load, layers):
     if wanted == 1 and layers == 1:
         return 1
     nodes = load.shape[1]
-    old = view2(buffer, int(buffer[state.AT_SCRATCH]), load.shape[0], nodes)
+    old = view2(buffer, int(buffer[state.AT.scratch]), load.shape[0], nodes)
     for j in range(layers):
         for i in range(nodes):
             old[j, i] = load[j, i]
@@ -382,23 +370,23 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     row 0 holds, as F_0i = contact_i load_0i.
     """
     parameter = state.parameters(buffer)
-    size = active_vector(buffer, state.AT_COMPACT, 0)
-    fraction = active_vector(buffer, state.AT_NODE_WORK, 2)
+    size = active_vector(buffer, state.AT.compact, 0)
+    fraction = active_vector(buffer, state.AT.node_work, 2)
     segregate(
         parameter.segregation_model,
-        int(buffer[state.SEGREGATION_ADDRESS]),
+        state.extent(buffer).segregation_address,
         size,
         lower,
         layers,
         scene,
         contact,
-        active_column(buffer, state.AT_PERCOLATION),
+        active_column(buffer, state.AT.percolation),
     )
     for i in range(0, size.size, 4):
         put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
     scene.cover = cover
     law = parameter.passage_law
-    passage_probability(law, int(buffer[state.PASSAGE_ADDRESS]), size, fraction, scene, factor)
+    passage_probability(law, state.extent(buffer).passage_address, size, fraction, scene, factor)
     return scene.density * scene.passage_velocity * cover
 
 
@@ -411,7 +399,7 @@ def cover_of(scene, mass):
 @kernel
 def reconstructed(buffer):
     """Whether the composition inside a layer is linear."""
-    return buffer[int(buffer[state.AT_RECONSTRUCTION])] > 0.0
+    return buffer[int(buffer[state.AT.reconstruction])] > 0.0
 
 
 @kernel
@@ -442,10 +430,8 @@ def reconstruct(buffer, load, layers):
     Mass fractions are linear over a layer with a monotonised central slope, even in the contact
     layer and in the top one. The implicit scheme, whose blocks these are, does without.
     """
-    lower, upper = (
-        block_load(buffer, state.AT_TRIAL, LOWER),
-        block_load(buffer, state.AT_TRIAL, UPPER),
-    )
+    lower = block_load(buffer, state.AT.trial, LOWER)
+    upper = block_load(buffer, state.AT.trial, UPPER)
     nodes = load.shape[1]
     for i in range(nodes):
         lower[0, i] = upper[0, i] = load[0, i]
@@ -485,9 +471,9 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     """
     load, change = block_load(buffer, at_now, now), block_load(buffer, at_rate, rate)
     passing = block_passed(buffer, at_rate, rate)
-    weight = active_vector(buffer, state.AT_NODE_WORK, 0)
-    contact = active_vector(buffer, state.AT_NODE_WORK, 1)
-    percolation = active_column(buffer, state.AT_PERCOLATION)
+    weight = active_vector(buffer, state.AT.node_work, 0)
+    contact = active_vector(buffer, state.AT.node_work, 1)
+    percolation = active_column(buffer, state.AT.percolation)
     nodes = passing.size
     top = layer_mass(load, layers - 1)
     upper = (layers - 2) * scene.layer_full
@@ -495,10 +481,8 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     lower, upper = load, load
     if layers > 2 and reconstructed(buffer):
         reconstruct(buffer, load, layers)
-        lower, upper = (
-            block_load(buffer, state.AT_TRIAL, LOWER),
-            block_load(buffer, state.AT_TRIAL, UPPER),
-        )
+        lower = block_load(buffer, state.AT.trial, LOWER)
+        upper = block_load(buffer, state.AT.trial, UPPER)
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
@@ -532,7 +516,7 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
                 flux = lost * part - top * gain
                 hand_down(change, j, i, flux)
         else:
-            share = block_share(buffer, state.AT_STAGE, NOW, layers)
+            share = block_share(buffer, state.AT.stage, NOW, layers)
             upward = weighted_mass(lower, j, percolation, j) / full
             for i in range(0, nodes, 4):
                 flux = four_in(percolation, j, i) * four_in(lower, j, i)
@@ -548,22 +532,22 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
 @kernel
 def follows_share(buffer, layers):
     """Whether the composition of the top layer is followed beside its masses."""
-    return layers > 1 and buffer[state.N_SOURCE] == 0.0
+    return layers > 1 and state.extent(buffer).source_terms == 0.0
 
 
 @kernel
 def rows_followed(buffer, layers):
     """Length of the part of a block that a scheme advances."""
-    return (layers + (2 if follows_share(buffer, layers) else 1)) * int(buffer[state.N_ACTIVE])
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.extent(buffer).active
 
 
 @kernel
 def land(buffer, change, row, moment):
     """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
-    terms = int(buffer[state.N_SOURCE])
+    terms = state.extent(buffer).source_terms
     if terms == 0:
         return
-    source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, change.shape[1])
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, change.shape[1])
     if terms == 1:
         for i in range(change.shape[1]):
             change[row, i] += source[0, i]
@@ -575,8 +559,8 @@ def land(buffer, change, row, moment):
 @kernel
 def keep_top_share(buffer, layers):
     """Composition of the top layer at the start of a step."""
-    share = block_share(buffer, state.AT_STAGE, NOW, layers)
-    load = block_load(buffer, state.AT_STAGE, NOW)
+    share = block_share(buffer, state.AT.stage, NOW, layers)
+    load = block_load(buffer, state.AT.stage, NOW)
     top = layer_mass(load, layers - 1)
     below = max(0, layers - 2)
     row = layers - 1 if top > 0.0 else below
@@ -589,10 +573,10 @@ def keep_top_share(buffer, layers):
 @kernel
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
-    nodes = int(buffer[state.N_ACTIVE])
-    fastest = largest_of(view2(buffer, int(buffer[state.AT_NODE_WORK]), 1, nodes), 0)
-    percolation = active_column(buffer, state.AT_PERCOLATION)
-    if fastest == 0.0 and buffer[state.N_SOURCE] > 0.0:
+    nodes = state.extent(buffer).active
+    fastest = largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
+    percolation = active_column(buffer, state.AT.percolation)
+    if fastest == 0.0 and state.extent(buffer).source_terms > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
         pace = scene.density * scene.passage_velocity / scene.contact_load
         fastest = pace * scene.open_area * (1.0 + scene.open_area)
@@ -610,12 +594,10 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     step is that of the rates times h, so in a bed where all is in balance it is the same in every
     step: it would add up over many.
     """
-    nodes = int(buffer[state.N_ACTIVE])
-    place = state.node_vector(buffer, state.AT_PLACE, 0)
-    missing, values = (
-        active_vector(buffer, state.AT_NODE_WORK, 1),
-        block(buffer, state.AT_STAGE, NOW),
-    )
+    nodes = state.extent(buffer).active
+    place = state.node_vector(buffer, state.AT.place, 0)
+    missing = active_vector(buffer, state.AT.node_work, 1)
+    values = block(buffer, state.AT.stage, NOW)
     for n in range(nodes):
         missing[n] = 0.0
     straight = places_kept(place)
@@ -626,9 +608,9 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
             n = int(place[i])
             if n >= 0:
                 missing[n] += load[j, i]
-    terms = int(buffer[state.N_SOURCE])
+    terms = state.extent(buffer).source_terms
     if terms > 0:
-        source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, nodes)
+        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
         for n in range(nodes):
             missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
     for row in range(layers + 1):

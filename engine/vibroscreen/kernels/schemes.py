@@ -130,10 +130,10 @@ MOST_STAGES = 60
 @kernel
 def stage_value(buffer, stage, h, size):
     """Column at a stage 2 to 7 into STAGED; that of stage 7 is the solution of order 5."""
-    y, out = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k1, k2 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K2)
-    k3, k4 = block(buffer, state.AT_STAGE, K3), block(buffer, state.AT_STAGE, K4)
-    k5, k6 = block(buffer, state.AT_STAGE, K5), block(buffer, state.AT_STAGE, K6)
+    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K2)
+    k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
+    k5, k6 = block(buffer, state.AT.stage, K5), block(buffer, state.AT.stage, K6)
     row = stage - 2
     a1, a2, a3 = h * A[row, 0], h * A[row, 1], h * A[row, 2]
     a4, a5, a6 = h * A[row, 3], h * A[row, 4], h * A[row, 5]
@@ -164,12 +164,12 @@ def stage_value(buffer, stage, h, size):
 @kernel
 def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
     """Error of a step: h times the sum of e1 to e6 times the rates in K1, in `stage`, and in K7."""
-    k1, k2 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, stage[0])
-    k3, k4 = block(buffer, state.AT_STAGE, stage[1]), block(buffer, state.AT_STAGE, stage[2])
-    k5, k6 = block(buffer, state.AT_STAGE, stage[3]), block(buffer, state.AT_STAGE, K7)
-    out = block(buffer, state.AT_TRIAL, OF_PART)
+    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, stage[0])
+    k3, k4 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
+    k5, k6 = block(buffer, state.AT.stage, stage[3]), block(buffer, state.AT.stage, K7)
+    out = block(buffer, state.AT.trial, OF_PART)
     h1, h2, h3, h4, h5, h6 = h * e1, h * e2, h * e3, h * e4, h * e5, h * e6
-    for i in range(0, (layers + 1) * int(buffer[state.N_ACTIVE]), 4):
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         one = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
         put_four(out, i, one + (h4 * four(k4, i) + h5 * four(k5, i) + h6 * four(k6, i)))
     return worst_error(buffer, layers)
@@ -182,8 +182,8 @@ def worst_error(buffer, layers):
     What passed wrongly counts 3/2. What lies in a wrong layer counts by how far it was moved over
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
-    nodes = int(buffer[state.N_ACTIVE])
-    weight, out = active_vector(buffer, state.AT_COMPACT, 1), block(buffer, state.AT_TRIAL, OF_PART)
+    nodes = state.extent(buffer).active
+    weight, out = active_vector(buffer, state.AT.compact, 1), block(buffer, state.AT.trial, OF_PART)
     face, worst = 2.0 / layers, all_four(0.0)
     for i in range(0, nodes, 4):
         moved = four(out, i)
@@ -198,10 +198,10 @@ def worst_error(buffer, layers):
 @kernel
 def integrate_stages(buffer, h, size):
     """Add the time integral of a step of the pair, from its stages."""
-    y, total = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, INTEGRAL)
-    k1, k2 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K2)
-    k3, k4 = block(buffer, state.AT_STAGE, K3), block(buffer, state.AT_STAGE, K4)
-    k5 = block(buffer, state.AT_STAGE, K5)
+    y, total = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K2)
+    k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
+    k5 = block(buffer, state.AT.stage, K5)
     g1, g2, g3, g4, g5 = h * h * I1, h * h * I2, h * h * I3, h * h * I4, h * h * I5
     for i in range(0, size, 4):
         one = g1 * four(k1, i) + g2 * four(k2, i) + g3 * four(k3, i) + g4 * four(k4, i)
@@ -212,14 +212,14 @@ def integrate_stages(buffer, h, size):
 @kernel
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
-    y, new = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
     debts = all_four(0.0)
-    for i in range(0, (layers + 1) * int(buffer[state.N_ACTIVE]), 4):
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         value = four(new, i)
         put_four(y, i, value)
         debts = larger(debts, 0.0 - value)
     if last_rates:
-        k1, k7 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K7)
+        k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
         for i in range(0, rows_followed(buffer, layers), 4):
             put_four(k1, i, four(k7, i))
     return largest(debts) == 0.0
@@ -233,7 +233,7 @@ def pair_step(buffer, scene, layers, h, moment):
         stage_value(buffer, stage, h, size)
         at = moment + C[stage - 2] * h
         column_rates(
-            buffer, scene, state.AT_STAGE, STAGED, layers, state.AT_STAGE, K1 + stage - 1, at
+            buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K1 + stage - 1, at
         )
     return embedded_error(buffer, h, layers, (K3, K4, K5, K6), E1, E3, E4, E5, E6, E7)
 
@@ -242,8 +242,8 @@ def pair_step(buffer, scene, layers, h, moment):
 @kernel
 def chain_stage(buffer, last, h_last, h_first, size):
     """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
-    y, out = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k, k1 = block(buffer, state.AT_STAGE, last), block(buffer, state.AT_STAGE, K1)
+    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k, k1 = block(buffer, state.AT.stage, last), block(buffer, state.AT.stage, K1)
     if h_first == 0.0:
         for i in range(0, size, 4):
             put_four(out, i, four(y, i) + h_last * four(k, i))
@@ -255,9 +255,9 @@ def chain_stage(buffer, last, h_last, h_first, size):
 @kernel
 def chain_end(buffer, stage, h, row, size):
     """Solution of the chain from the rates of its last three stages, into STAGED."""
-    y, out = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k1, k2 = block(buffer, state.AT_STAGE, stage[1]), block(buffer, state.AT_STAGE, stage[2])
-    k3 = block(buffer, state.AT_STAGE, stage[3])
+    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k2 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
+    k3 = block(buffer, state.AT.stage, stage[3])
     h1, h2, h3 = h * CHAIN_END[row, 0], h * CHAIN_END[row, 1], h * CHAIN_END[row, 2]
     for i in range(0, size, 4):
         more = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
@@ -285,9 +285,9 @@ def chain_step(buffer, scene, layers, h, stages, moment):
         chain_stage(buffer, kept[3], h * last, h * first, size)
         kept = (kept[1], kept[2], kept[3], K2 + j % 4)
         at = moment + (last + first) * h
-        column_rates(buffer, scene, state.AT_STAGE, STAGED, layers, state.AT_STAGE, kept[3], at)
+        column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, kept[3], at)
     chain_end(buffer, kept, h, row, size)
-    column_rates(buffer, scene, state.AT_STAGE, STAGED, layers, state.AT_STAGE, K7, moment + h)
+    column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K7, moment + h)
     e1, e2, e3 = CHAIN_ERROR[row, 0], CHAIN_ERROR[row, 1], CHAIN_ERROR[row, 2]
     e4, e5, e6 = CHAIN_ERROR[row, 3], CHAIN_ERROR[row, 4], CHAIN_ERROR[row, 5]
     return embedded_error(buffer, h, layers, kept, e1, e2, e3, e4, e5, e6)
@@ -297,8 +297,8 @@ def chain_step(buffer, scene, layers, h, stages, moment):
 @kernel
 def chebyshev_start(buffer, one, h, size):
     """First stage of the stabilised scheme: y + h one k1, into STAGED and K2."""
-    y, k1 = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, K1)
-    near, far = block(buffer, state.AT_STAGE, STAGED), block(buffer, state.AT_STAGE, K2)
+    y, k1 = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, K1)
+    near, far = block(buffer, state.AT.stage, STAGED), block(buffer, state.AT.stage, K2)
     for i in range(0, size, 4):
         start = four(y, i)
         put_four(near, i, start + h * one * four(k1, i))
@@ -308,9 +308,9 @@ def chebyshev_start(buffer, one, h, size):
 @kernel
 def chebyshev_stage(buffer, near, far, mu, nu, rate_now, rate_first, size):
     """Next stage, in place of the one before last: three-term recursion of Chebyshev kind."""
-    y, k1 = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, K1)
-    last, out = block(buffer, state.AT_STAGE, near), block(buffer, state.AT_STAGE, far)
-    rate = block(buffer, state.AT_STAGE, K3)
+    y, k1 = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, K1)
+    last, out = block(buffer, state.AT.stage, near), block(buffer, state.AT.stage, far)
+    rate = block(buffer, state.AT.stage, K3)
     rest = 1.0 - mu - nu
     for i in range(0, size, 4):
         value = rest * four(y, i) + mu * four(last, i) + nu * four(out, i)
@@ -344,7 +344,7 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
         near, far = K2, STAGED
     for _ in range(2, stages + 1):
         column_rates(
-            buffer, scene, state.AT_STAGE, near, layers, state.AT_STAGE, K3, moment + c_near * h
+            buffer, scene, state.AT.stage, near, layers, state.AT.stage, K3, moment + c_near * h
         )
         t = 2.0 * w0 * t_near - t_far
         d = 2.0 * w0 * d_near - d_far + 2.0 * t_near
@@ -358,14 +358,14 @@ def stabilised_step(buffer, scene, layers, h, stages, moment):
         t_far, t_near, d_far, d_near, e_far, e_near = t_near, t, d_near, d, e_near, e
         b_far, b_near, c_far, c_near = b_near, b, c_near, c
         near, far = far, near
-    column_rates(buffer, scene, state.AT_STAGE, STAGED, layers, state.AT_STAGE, K7, moment + h)
+    column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K7, moment + h)
     return third_order_error(buffer, h, layers)
 
 
 @kernel
 def swap_blocks(buffer, one, two, size):
     """Exchange the contents of two blocks."""
-    a, b = block(buffer, state.AT_STAGE, one), block(buffer, state.AT_STAGE, two)
+    a, b = block(buffer, state.AT.stage, one), block(buffer, state.AT.stage, two)
     for i in range(0, size, 4):
         kept = four(a, i)
         put_four(a, i, four(b, i))
@@ -375,10 +375,10 @@ def swap_blocks(buffer, one, two, size):
 @kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
-    y, new = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k1, k7 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K7)
-    out = block(buffer, state.AT_TRIAL, OF_PART)
-    for i in range(0, (layers + 1) * int(buffer[state.N_ACTIVE]), 4):
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+    out = block(buffer, state.AT.trial, OF_PART)
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         rates = 0.4 * h * (four(k1, i) + four(k7, i))
         put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)
     return worst_error(buffer, layers)
@@ -387,9 +387,9 @@ def third_order_error(buffer, h, layers):
 @kernel
 def integrate_ends(buffer, h, size):
     """Add the time integral of a step of the chain or the stabilised scheme (Hermite)."""
-    y, new = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k1, k7 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K7)
-    total = block(buffer, state.AT_STAGE, INTEGRAL)
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+    total = block(buffer, state.AT.stage, INTEGRAL)
     half, twelfth = 0.5 * h, h * h / 12.0
     for i in range(0, size, 4):
         one = half * (four(y, i) + four(new, i)) + twelfth * (four(k1, i) - four(k7, i))
@@ -422,17 +422,17 @@ def integral_in_step(buffer, layers, h, a, b, scheme):
 @kernel
 def combine_step(buffer, layers, h, start, whole, near, bend, more):
     """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
-    y, new = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, STAGED)
-    k1, k7 = block(buffer, state.AT_STAGE, K1), block(buffer, state.AT_STAGE, K7)
-    out = block(buffer, state.AT_TRIAL, OF_PART)
-    size = (layers + 1) * int(buffer[state.N_ACTIVE])
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+    out = block(buffer, state.AT.trial, OF_PART)
+    size = (layers + 1) * state.extent(buffer).active
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
     for i in range(0, size, 4):
         one = start * four(y, i) + gd * (four(new, i) - four(y, i))
         put_four(out, i, one + (g1 * four(k1, i) + g7 * four(k7, i)))
     if more > 0.0:
-        k3, k4 = block(buffer, state.AT_STAGE, K3), block(buffer, state.AT_STAGE, K4)
-        k5, k6 = block(buffer, state.AT_STAGE, K5), block(buffer, state.AT_STAGE, K6)
+        k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
+        k5, k6 = block(buffer, state.AT.stage, K5), block(buffer, state.AT.stage, K6)
         g = h * more
         r1, r3, r4, r5, r6, r7 = g * D1, g * D3, g * D4, g * D5, g * D6, g * D7
         for i in range(0, size, 4):
@@ -445,18 +445,18 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
 def part_to_kink(buffer, layers, h, scheme, change):
     """Part of an explicit step after which the top layer has changed by `change` kg/m2."""
     row = layers - 1
-    d = layer_mass(block_load(buffer, state.AT_STAGE, STAGED), row)
-    d -= layer_mass(block_load(buffer, state.AT_STAGE, NOW), row)
-    first = h * layer_mass(block_load(buffer, state.AT_STAGE, K1), row) - d
-    second = d - first - h * layer_mass(block_load(buffer, state.AT_STAGE, K7), row)
+    d = layer_mass(block_load(buffer, state.AT.stage, STAGED), row)
+    d -= layer_mass(block_load(buffer, state.AT.stage, NOW), row)
+    first = h * layer_mass(block_load(buffer, state.AT.stage, K1), row) - d
+    second = d - first - h * layer_mass(block_load(buffer, state.AT.stage, K7), row)
     third = 0.0
     if scheme == PAIR:
-        third = D1 * layer_mass(block_load(buffer, state.AT_STAGE, K1), row)
-        third += D3 * layer_mass(block_load(buffer, state.AT_STAGE, K3), row)
-        third += D4 * layer_mass(block_load(buffer, state.AT_STAGE, K4), row)
-        third += D5 * layer_mass(block_load(buffer, state.AT_STAGE, K5), row)
-        third += D6 * layer_mass(block_load(buffer, state.AT_STAGE, K6), row)
-        third += D7 * layer_mass(block_load(buffer, state.AT_STAGE, K7), row)
+        third = D1 * layer_mass(block_load(buffer, state.AT.stage, K1), row)
+        third += D3 * layer_mass(block_load(buffer, state.AT.stage, K3), row)
+        third += D4 * layer_mass(block_load(buffer, state.AT.stage, K4), row)
+        third += D5 * layer_mass(block_load(buffer, state.AT.stage, K5), row)
+        third += D6 * layer_mass(block_load(buffer, state.AT.stage, K6), row)
+        third += D7 * layer_mass(block_load(buffer, state.AT.stage, K7), row)
         third *= h
     low, high, t = 0.0, 1.0, change / d
     for _ in range(60):
@@ -478,9 +478,9 @@ def part_to_kink(buffer, layers, h, scheme, change):
 @kernel
 def land_in_step(buffer, layers, h, t, scheme):
     """End a step that is not yet taken at its part t: its column and time integral."""
-    total, staged = block(buffer, state.AT_STAGE, INTEGRAL), block(buffer, state.AT_STAGE, STAGED)
-    out = block(buffer, state.AT_TRIAL, OF_PART)
-    size = (layers + 1) * int(buffer[state.N_ACTIVE])
+    total, staged = block(buffer, state.AT.stage, INTEGRAL), block(buffer, state.AT.stage, STAGED)
+    out = block(buffer, state.AT.trial, OF_PART)
+    size = (layers + 1) * state.extent(buffer).active
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
     for i in range(0, size, 4):
         put_four(total, i, four(total, i) + four(out, i))
@@ -492,7 +492,7 @@ def land_in_step(buffer, layers, h, t, scheme):
 @kernel
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
-    size = (layers + 1) * int(buffer[state.N_ACTIVE])
+    size = (layers + 1) * state.extent(buffer).active
     if scheme == PAIR:
         integrate_stages(buffer, h, size)
     else:
@@ -539,30 +539,26 @@ def basic_step(buffer, scene, k, layers, h, moment):
     Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
     layers after it.
     """
-    load, passed = (
-        block_load(buffer, state.AT_TRIAL, 2 * k),
-        block_passed(buffer, state.AT_TRIAL, 2 * k),
-    )
-    column, time = block(buffer, state.AT_TRIAL, 2 * k), block(buffer, state.AT_TRIAL, 2 * k + 1)
-    rate, contact = (
-        active_vector(buffer, state.AT_NODE_WORK, 0),
-        active_vector(buffer, state.AT_NODE_WORK, 1),
-    )
-    stay = active_vector(buffer, state.AT_NODE_WORK, 3)
-    down = active_column(buffer, state.AT_PERCOLATION)
-    up = state.vector(buffer, state.AT_UPWARD, int(buffer[state.N_LAYERS]), 0)
+    load = block_load(buffer, state.AT.trial, 2 * k)
+    passed = block_passed(buffer, state.AT.trial, 2 * k)
+    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
+    rate = active_vector(buffer, state.AT.node_work, 0)
+    contact = active_vector(buffer, state.AT.node_work, 1)
+    stay = active_vector(buffer, state.AT.node_work, 3)
+    down = active_column(buffer, state.AT.percolation)
+    up = state.vector(buffer, state.AT.upward, state.extent(buffer).layers, 0)
     nodes = rate.size
     cover = cover_of(scene, layer_mass(load, 0))
     pace = passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
     upward_rates(load, down, layers, up)
-    implicit_step(load, rate, down, up, active_column(buffer, state.AT_SCRATCH), stay, layers, h)
+    implicit_step(load, rate, down, up, active_column(buffer, state.AT.scratch), stay, layers, h)
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
-    terms = int(buffer[state.N_SOURCE])
+    terms = state.extent(buffer).source_terms
     if terms > 0:
-        source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, nodes)
+        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
         for i in range(nodes):
             load[layers - 1, i] += h * mean_landing(source, i, terms, h, moment)
     layers = restack(buffer, scene, load, layers)
@@ -574,14 +570,14 @@ def basic_step(buffer, scene, k, layers, h, moment):
 @kernel
 def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
-    now = block(buffer, state.AT_STAGE, NOW)
-    column, time = block(buffer, state.AT_TRIAL, 2 * k), block(buffer, state.AT_TRIAL, 2 * k + 1)
-    nodes = int(buffer[state.N_ACTIVE])
+    now = block(buffer, state.AT.stage, NOW)
+    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
+    nodes = state.extent(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
         column[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
         time[i] = 0.0
-    layers_for(buffer, scene, bed_load(block_load(buffer, state.AT_STAGE, NOW), layers))
+    layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
     part = h / (k + 1)
     for n in range(k + 1):
         layers = basic_step(buffer, scene, k, layers, part, moment + n * part)
@@ -590,12 +586,12 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
 @kernel
 def rows_in_use(buffer, scene, load, layers, h, moment):
     """Layers that a step of h may need: what lands opens new ones, nothing else does."""
-    terms = int(buffer[state.N_SOURCE])
+    terms = state.extent(buffer).source_terms
     if terms == 0:
         return layers
     landing = 0.0
-    source = view2(buffer, int(buffer[state.AT_SOURCE_NOW]), 3, int(buffer[state.N_ACTIVE]))
-    for i in range(int(buffer[state.N_ACTIVE])):
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.extent(buffer).active)
+    for i in range(state.extent(buffer).active):
         landing += mean_landing(source, i, terms, h, moment)
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
     return max(layers, min(more, load.shape[0]))
@@ -607,12 +603,12 @@ def extrapolate(buffer, k, rows):
 
     Trial k keeps its own first-order value. `rows` is the highest number of layers in use.
     """
-    size = (rows + 1) * int(buffer[state.N_ACTIVE])
+    size = (rows + 1) * state.extent(buffer).active
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
-            better = block(buffer, state.AT_TRIAL, 2 * (k - level + 1) + part)
-            coarse = block(buffer, state.AT_TRIAL, 2 * (k - level) + part)
+            better = block(buffer, state.AT.trial, 2 * (k - level + 1) + part)
+            coarse = block(buffer, state.AT.trial, 2 * (k - level) + part)
             for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
@@ -620,12 +616,10 @@ def extrapolate(buffer, k, rows):
 @kernel
 def step_error(buffer, rows):
     """Largest difference of the two best extrapolations as a part of what was fed of a size."""
-    flux, coarse_flux = (
-        block_passed(buffer, state.AT_TRIAL, 0),
-        block_passed(buffer, state.AT_TRIAL, 2),
-    )
-    load, coarse_load = block_load(buffer, state.AT_TRIAL, 0), block_load(buffer, state.AT_TRIAL, 2)
-    weight = active_vector(buffer, state.AT_COMPACT, 1)
+    flux = block_passed(buffer, state.AT.trial, 0)
+    coarse_flux = block_passed(buffer, state.AT.trial, 2)
+    load, coarse_load = block_load(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 2)
+    weight = active_vector(buffer, state.AT.compact, 1)
     worst = 0.0
     for i in range(weight.size):
         moved = 0.0
@@ -661,30 +655,28 @@ def carry_debts(flux, load, rows):
 @kernel
 def pay_integral(buffer, rows):
     """Pay the debts of the time integrals, if there are any."""
-    total = block(buffer, state.AT_STAGE, INTEGRAL)
+    total = block(buffer, state.AT.stage, INTEGRAL)
     debts = 0
-    for i in range((rows + 1) * int(buffer[state.N_ACTIVE])):
+    for i in range((rows + 1) * state.extent(buffer).active):
         debts += 1 if total[i] < 0.0 else 0
     if debts > 0:
-        gone, load = (
-            block_passed(buffer, state.AT_STAGE, INTEGRAL),
-            block_load(buffer, state.AT_STAGE, INTEGRAL),
-        )
+        gone = block_passed(buffer, state.AT.stage, INTEGRAL)
+        load = block_load(buffer, state.AT.stage, INTEGRAL)
         carry_debts(gone, load, rows)
 
 
 @kernel
 def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
-    size = (rows + 1) * int(buffer[state.N_ACTIVE])
-    now, total = block(buffer, state.AT_STAGE, NOW), block(buffer, state.AT_STAGE, INTEGRAL)
-    best, time = block(buffer, state.AT_TRIAL, 0), block(buffer, state.AT_TRIAL, 1)
-    gone = int(buffer[state.N_ACTIVE])
+    size = (rows + 1) * state.extent(buffer).active
+    now, total = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    best, time = block(buffer, state.AT.trial, 0), block(buffer, state.AT.trial, 1)
+    gone = state.extent(buffer).active
     carry_debts(
-        block_passed(buffer, state.AT_TRIAL, 0), block_load(buffer, state.AT_TRIAL, 0), rows
+        block_passed(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 0), rows
     )
     carry_debts(
-        block_passed(buffer, state.AT_TRIAL, 1), block_load(buffer, state.AT_TRIAL, 1), rows
+        block_passed(buffer, state.AT.trial, 1), block_load(buffer, state.AT.trial, 1), rows
     )
     for i in range(gone):
         total[i] += h * now[i] + time[i]
@@ -692,4 +684,4 @@ def take_implicit(buffer, scene, rows, h):
     for i in range(gone, size):
         total[i] += time[i]
         now[i] = best[i]
-    return restack(buffer, scene, block_load(buffer, state.AT_STAGE, NOW), rows)
+    return restack(buffer, scene, block_load(buffer, state.AT.stage, NOW), rows)

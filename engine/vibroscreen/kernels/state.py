@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from vibroscreen.kernels.fours import in_fours
-from vibroscreen.kernels.language import Record, Row, kernel, record, view1, view2
+from vibroscreen.kernels.language import Places, Record, Row, kernel, record, view1, view2
 
 # --- scalars of a vector field, in order -------------------------------------------------------
 PARAMETER = Record(
@@ -389,7 +389,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "upward": ("layers",),
     },
 }
-DIMENSION = (
+_DIMENSIONS = (
     "classes",
     "nodes",
     "decks",
@@ -414,31 +414,7 @@ DIMENSION = (
     "passage_address",
     "segregation_address",
 )
-(
-    N_CLASSES,
-    N_NODES,
-    N_DECKS,
-    N_PANELS,
-    N_LAYERS,
-    N_PACKAGES,
-    N_CELLS,
-    LAYERED,
-    BED_LAYERS,
-    N_KNOTS,
-    N_FALLS,
-    N_DESIGNS,
-    RECORDED,
-    RECORDED_FROM,
-    N_PARTS,
-    PART,
-    PARTS_FROM,
-    N_ACTIVE,
-    N_SOURCE,
-    N_DISPLACEMENT_WORK,
-    DISPLACEMENT_ADDRESS,
-    PASSAGE_ADDRESS,
-    SEGREGATION_ADDRESS,
-) = range(len(DIMENSION))
+DIMENSION = Record(*_DIMENSIONS, whole={*_DIMENSIONS} - {"recorded_from", "parts_from"})
 KINDS = {
     name: symbols[-1]
     for fields in SECTIONS.values()
@@ -543,109 +519,7 @@ class Layout:
 
 
 # Places in the header that hold the offsets of the fields.
-(
-    AT_PARAMETER,
-    AT_LOWER,
-    AT_UPPER,
-    AT_WIDTH,
-    AT_PANEL,
-    AT_INPUT,
-    AT_FRACTION,
-    AT_OUTPUT,
-    AT_UNDERSIZE_FRACTION,
-    AT_OVERSIZE_FRACTION,
-    AT_INTERMEDIATE,
-    AT_INTERMEDIATE_FRACTION,
-    AT_DECK_BED,
-    AT_SWITCH,
-    AT_RECONSTRUCTION,
-    AT_CLOSURE,
-    AT_HARMONIC,
-    AT_EDGE,
-    AT_SIZE,
-    AT_NODE_CLASS,
-    AT_NODE_POSITION,
-    AT_NODE_WEIGHT,
-    AT_PANEL_COUNT,
-    AT_PANEL_CELLS,
-    AT_PASSAGE_FACTOR,
-    AT_COUNTER,
-    AT_LEDGER,
-    AT_INITIAL_MASS,
-    AT_HELD,
-    AT_STEADY_RATE,
-    AT_MEMORY,
-    AT_STEP_MASS,
-    AT_LAST_SEEN,
-    AT_FEED_FRACTION,
-    AT_SCENE,
-    AT_DECK,
-    AT_QUEUE,
-    AT_CELL,
-    AT_FREE,
-    AT_LENGTH,
-    AT_LAYERS_USED,
-    AT_ON_PANEL,
-    AT_PACE,
-    AT_LEADER,
-    AT_ENTRY_VELOCITY,
-    AT_PASSED,
-    AT_LOAD,
-    AT_REFERENCE,
-    AT_LEAD,
-    AT_LEAD_FEED,
-    AT_LEAD_PASSED,
-    AT_PARTIAL,
-    AT_PARTIAL_PASSED,
-    AT_KNOT_PLACE,
-    AT_KNOT_PASSED,
-    AT_KNOT_BEFORE,
-    AT_KNOT_AFTER,
-    AT_CARRY,
-    AT_REFUSAL,
-    AT_SEEN_NOW,
-    AT_SLOPE,
-    AT_SCENE_NOW,
-    AT_MOTION_HARMONIC,
-    AT_DISPLACEMENT_RESULT,
-    AT_DRIVE_SETTING,
-    AT_DISPLACEMENT_WORK,
-    AT_CLASS_MASS,
-    AT_RECOVERY,
-    AT_HOLD_UP_WORK,
-    AT_FALL_START,
-    AT_FALL_STOP,
-    AT_FALL,
-    AT_FALL_COHORT,
-    AT_FALL_COUNT,
-    AT_RECORD,
-    AT_LANDING_START,
-    AT_LANDING_STOP,
-    AT_LANDING,
-    AT_PART_END,
-    AT_PART_SLOT,
-    AT_PART_PASSED,
-    AT_PART_BEFORE,
-    AT_COLUMN,
-    AT_COLUMN_FLUX,
-    AT_COLUMN_TIME,
-    AT_SOURCE,
-    AT_SOURCE_NOW,
-    AT_COMPACT,
-    AT_PLACE,
-    AT_SHARE,
-    AT_STAGE,
-    AT_TRIAL,
-    AT_DESIGN,
-    AT_DESIGN_HARMONIC,
-    AT_DESIGN_RESULT,
-    AT_STRENGTH,
-    AT_APERTURES,
-    AT_SCRATCH,
-    AT_PERCOLATION,
-    AT_NODE_WORK,
-    AT_UPWARD,
-) = range(len(DIMENSION), HEADER_SIZE)
+AT = Places(len(DIMENSION), FIELD)
 
 
 @kernel
@@ -657,87 +531,93 @@ def vector(buffer, at, size, row):
 @kernel
 def node_vector(buffer, at, row):
     """Row `row` of a field of node vectors."""
-    return vector(buffer, at, int(buffer[N_NODES]), row)
+    return vector(buffer, at, extent(buffer).nodes, row)
 
 
 @kernel
 def class_vector(buffer, at, row):
     """Row `row` of a field of class vectors."""
-    return vector(buffer, at, int(buffer[N_CLASSES]), row)
+    return vector(buffer, at, extent(buffer).classes, row)
 
 
 @kernel
 def package_vector(buffer, at, deck):
     """What a field holds for every package slot of a deck."""
-    return vector(buffer, at, int(buffer[N_PACKAGES]), deck)
+    return vector(buffer, at, extent(buffer).packages, deck)
+
+
+@kernel
+def extent(buffer):
+    """Dimensions of the buffer, and where its computation stands."""
+    return record(buffer, 0, DIMENSION)
 
 
 @kernel
 def parameters(buffer):
     """Parameters of the screen that are one number."""
-    return record(buffer, int(buffer[AT_PARAMETER]), PARAMETER)
+    return record(buffer, int(buffer[AT.parameter]), PARAMETER)
 
 
 @kernel
 def inputs(buffer):
     """Inputs that are one number."""
-    return record(buffer, int(buffer[AT_INPUT]), INPUT)
+    return record(buffer, int(buffer[AT.input]), INPUT)
 
 
 @kernel
 def outputs(buffer):
     """Outputs that are one number."""
-    return record(buffer, int(buffer[AT_OUTPUT]), OUTPUT)
+    return record(buffer, int(buffer[AT.output]), OUTPUT)
 
 
 @kernel
 def intermediate(buffer, deck):
     """Outputs of the stream over the deck below deck `deck`."""
-    return record(buffer, int(buffer[AT_INTERMEDIATE]) + deck * len(INTERMEDIATE), INTERMEDIATE)
+    return record(buffer, int(buffer[AT.intermediate]) + deck * len(INTERMEDIATE), INTERMEDIATE)
 
 
 @kernel
 def switches(buffer):
     """What may be left out."""
-    return record(buffer, int(buffer[AT_SWITCH]), SWITCH)
+    return record(buffer, int(buffer[AT.switch]), SWITCH)
 
 
 @kernel
 def counters(buffer):
     """What was done and what was skipped."""
-    return record(buffer, int(buffer[AT_COUNTER]), COUNTER)
+    return record(buffer, int(buffer[AT.counter]), COUNTER)
 
 
 @kernel
 def memory(buffer):
     """What an instance remembers besides."""
-    return record(buffer, int(buffer[AT_MEMORY]), MEMORY)
+    return record(buffer, int(buffer[AT.memory]), MEMORY)
 
 
 @kernel
 def refusal(buffer):
     """Why a step was refused."""
-    return record(buffer, int(buffer[AT_REFUSAL]), REFUSAL)
+    return record(buffer, int(buffer[AT.refusal]), REFUSAL)
 
 
 @kernel
 def book(buffer, deck):
     """Book-keeping of a deck."""
-    return record(buffer, int(buffer[AT_DECK]) + deck * len(DECK), DECK)
+    return record(buffer, int(buffer[AT.deck]) + deck * len(DECK), DECK)
 
 
 @kernel
 def scene(buffer, at, deck, panel):
     """Scene of a panel."""
-    row = deck * int(buffer[N_PANELS]) + panel
+    row = deck * extent(buffer).panels + panel
     return record(buffer, int(buffer[at]) + row * len(SCENE), SCENE)
 
 
 @kernel
 def panel(buffer, deck, panel):
     """Parameters of a panel."""
-    row = deck * int(buffer[N_PANELS]) + panel
-    return record(buffer, int(buffer[AT_PANEL]) + row * len(PANEL), PANEL)
+    row = deck * extent(buffer).panels + panel
+    return record(buffer, int(buffer[AT.panel]) + row * len(PANEL), PANEL)
 
 
 @kernel
@@ -749,12 +629,12 @@ def scalars(buffer, at, size):
 @kernel
 def column(buffer, at, index):
     """Column `index` of a field of columns: areal mass [layer, node]."""
-    layers = int(buffer[N_LAYERS])
-    nodes = int(buffer[N_NODES])
+    layers = extent(buffer).layers
+    nodes = extent(buffer).nodes
     return view2(buffer, int(buffer[at]) + index * layers * nodes, layers, nodes)
 
 
 @kernel
 def slot(buffer, deck, index):
     """Number of a package slot over all decks."""
-    return deck * int(buffer[N_PACKAGES]) + int(index)
+    return deck * extent(buffer).packages + int(index)

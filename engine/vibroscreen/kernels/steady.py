@@ -42,14 +42,12 @@ def start_slice(buffer, deck):
 @kernel
 def clear_slice(buffer, deck):
     """Zero the sums that a slice adds to."""
-    decks = int(buffer[state.N_DECKS])
-    carry, fallen = (
-        state.node_vector(buffer, state.AT_CARRY, deck),
-        state.node_vector(buffer, state.AT_FALL_COHORT, deck),
-    )
-    under = state.node_vector(buffer, state.AT_STEP_MASS, deck)
-    over = state.node_vector(buffer, state.AT_STEP_MASS, decks + deck)
-    partial = state.column(buffer, state.AT_PARTIAL, deck)
+    decks = state.extent(buffer).decks
+    carry = state.node_vector(buffer, state.AT.carry, deck)
+    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
+    under = state.node_vector(buffer, state.AT.step_mass, deck)
+    over = state.node_vector(buffer, state.AT.step_mass, decks + deck)
+    partial = state.column(buffer, state.AT.partial, deck)
     for i in range(carry.size):
         carry[i], fallen[i], under[i], over[i] = 0.0, 0.0, 0.0, 0.0
     for j in range(partial.shape[0]):
@@ -61,10 +59,10 @@ def clear_slice(buffer, deck):
 @kernel
 def place_nodes(buffer):
     """Write the nodes of the screen in the buffer, and how many there are."""
-    decks = int(buffer[state.N_DECKS])
+    decks = state.extent(buffer).decks
     parameter = state.parameters(buffer)
-    strength = state.scalars(buffer, state.AT_STRENGTH, 2)
-    apertures = state.scalars(buffer, state.AT_APERTURES, decks * int(buffer[state.N_PANELS]))
+    strength = state.scalars(buffer, state.AT.strength, 2)
+    apertures = state.scalars(buffer, state.AT.apertures, decks * state.extent(buffer).panels)
     count = 0
     area, reach = 0.0, 0.0
     for deck in range(decks):
@@ -84,17 +82,17 @@ def place_nodes(buffer):
     feed = state.inputs(buffer).feed_rate
     set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
     room = most_nodes(
-        int(buffer[state.N_CLASSES]), decks * int(buffer[state.N_PANELS]), parameter.subdivision
+        state.extent(buffer).classes, decks * state.extent(buffer).panels, parameter.subdivision
     )
-    buffer[state.N_NODES] = build_nodes(
-        state.scalars(buffer, state.AT_EDGE, int(buffer[state.N_CLASSES]) + 1),
-        view1(buffer, int(buffer[state.AT_APERTURES]), count),
+    state.extent(buffer).nodes = build_nodes(
+        state.scalars(buffer, state.AT.edge, state.extent(buffer).classes + 1),
+        view1(buffer, int(buffer[state.AT.apertures]), count),
         numbers(parameter),
         strength,
-        state.scalars(buffer, state.AT_SIZE, room),
-        state.scalars(buffer, state.AT_NODE_CLASS, room),
-        state.scalars(buffer, state.AT_NODE_POSITION, room),
-        state.scalars(buffer, state.AT_NODE_WEIGHT, room),
+        state.scalars(buffer, state.AT.size, room),
+        state.scalars(buffer, state.AT.node_class, room),
+        state.scalars(buffer, state.AT.node_position, room),
+        state.scalars(buffer, state.AT.node_weight, room),
     )
 
 
@@ -103,10 +101,10 @@ def prepare_slice(buffer):
     """Take the inputs in the buffer into use and start a slice on the top deck; ACCEPTED or not."""
     code = prepare(buffer, False)
     if code == state.ACCEPTED:
-        for deck in range(int(buffer[state.N_DECKS])):
-            horizon = residence_time(buffer, state.AT_SCENE, deck)
+        for deck in range(state.extent(buffer).decks):
+            horizon = residence_time(buffer, state.AT.scene, deck)
             for panel in range(panel_count(buffer, deck)):
-                state.scene(buffer, state.AT_SCENE, deck, panel).horizon = horizon
+                state.scene(buffer, state.AT.scene, deck, panel).horizon = horizon
         start_slice(buffer, 0)
     return code
 
@@ -121,7 +119,7 @@ def follow(buffer, deck, duration):
         step = left
         crosses = False
         if conveys(buffer, deck) and panel + 1 < panel_count(buffer, deck):
-            until = panel_end_time(buffer, state.AT_SCENE, deck, panel) - book.cohort_front
+            until = panel_end_time(buffer, state.AT.scene, deck, panel) - book.cohort_front
             crosses = until <= left
             step = max(0.0, until) if crosses else left
         if step > 0.0:
@@ -129,7 +127,7 @@ def follow(buffer, deck, duration):
         book.cohort_front += step
         left -= step
         if crosses:
-            book.cohort_front = panel_end_time(buffer, state.AT_SCENE, deck, panel)
+            book.cohort_front = panel_end_time(buffer, state.AT.scene, deck, panel)
             cross_lead(buffer, deck)
 
 
@@ -137,13 +135,11 @@ def follow(buffer, deck, duration):
 def lay_batch(buffer, areal_mass, horizon):
     """Put a batch of `areal_mass` kg/m2 of the feed's composition on the plate."""
     book = state.book(buffer, 0)
-    scene = state.scene(buffer, state.AT_SCENE, 0, 0)
-    lead = state.column(buffer, state.AT_LEAD, 0)
-    fed, passed = (
-        state.node_vector(buffer, state.AT_LEAD_FEED, 0),
-        state.node_vector(buffer, state.AT_LEAD_PASSED, 0),
-    )
-    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
+    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    lead = state.column(buffer, state.AT.lead, 0)
+    fed = state.node_vector(buffer, state.AT.lead_feed, 0)
+    passed = state.node_vector(buffer, state.AT.lead_passed, 0)
+    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
     for i in range(fed.size):
         fed[i] = areal_mass * fraction[i]
         passed[i] = 0.0
@@ -163,13 +159,13 @@ def solve_steady(buffer):
     the part of each class that reaches the undersize, 0 for one that is not fed, `hold_up_work`
     what lies on every deck [kg], and the outputs are those of a steady step.
     """
-    place = int(buffer[state.AT_INPUT])
+    place = int(buffer[state.AT.input])
     if state.inputs(buffer).feed_rate <= 0.0:
         return refuse(buffer, state.NO_FEED, place + FEED_RATE, 0.0, 0.0)
     code = prepare_slice(buffer)
     if code != state.ACCEPTED:
         return code
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         if not conveys(buffer, deck):
             frequency = state.inputs(buffer).frequency
             return refuse(buffer, state.NO_CONVEYING, place + FREQUENCY, frequency, 0.0)
@@ -183,12 +179,12 @@ def solve_steady(buffer):
 @kernel
 def write_recovery(buffer):
     """Part of each class that reaches the undersize, from the streams by class."""
-    recovery = state.class_vector(buffer, state.AT_RECOVERY, 0)
+    recovery = state.class_vector(buffer, state.AT.recovery, 0)
     for k in range(recovery.size):
         total = 0.0
-        for row in range(state.UNDER, state.OVER + int(buffer[state.N_DECKS])):
-            total += state.class_vector(buffer, state.AT_CLASS_MASS, row)[k]
-        under = state.class_vector(buffer, state.AT_CLASS_MASS, state.UNDER)[k]
+        for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
+            total += state.class_vector(buffer, state.AT.class_mass, row)[k]
+        under = state.class_vector(buffer, state.AT.class_mass, state.UNDER)[k]
         recovery[k] = under / total if total > 0.0 else 0.0
 
 
@@ -198,18 +194,18 @@ def solve_many(buffer, count, rebuild):
 
     rebuild: whether what changes from row to row needs other nodes.
     """
-    size = state.scalars(buffer, state.AT_PARAMETER, setting_size(buffer))
+    size = state.scalars(buffer, state.AT.parameter, setting_size(buffer))
     seen = state.scalars(
-        buffer, state.AT_LAST_SEEN, motion_part(buffer) + 1 + int(buffer[state.N_CLASSES])
+        buffer, state.AT.last_seen, motion_part(buffer) + 1 + state.extent(buffer).classes
     )
-    harmonic = state.scalars(buffer, state.AT_HARMONIC, state.MAX_HARMONICS * 5)
-    streams = state.OVER + int(buffer[state.N_DECKS])
-    classes = int(buffer[state.N_CLASSES])
+    harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
+    streams = state.OVER + state.extent(buffer).decks
+    classes = state.extent(buffer).classes
     for row in range(count):
-        setting = state.vector(buffer, state.AT_DESIGN, size.size, row)
+        setting = state.vector(buffer, state.AT.design, size.size, row)
         for k in range(size.size):
             size[k] = setting[k]
-        other = state.vector(buffer, state.AT_DESIGN_HARMONIC, harmonic.size, row)
+        other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
         for k in range(harmonic.size):
             harmonic[k] = other[k]
         if rebuild > 0.0:
@@ -217,7 +213,7 @@ def solve_many(buffer, count, rebuild):
             seen[motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         code = solve_steady(buffer)
         result = state.vector(
-            buffer, state.AT_DESIGN_RESULT, len(state.FIGURE) + streams * classes, row
+            buffer, state.AT.design_result, len(state.FIGURE) + streams * classes, row
         )
         for k in range(result.size):
             result[k] = 0.0
@@ -235,7 +231,7 @@ def solve_many(buffer, count, rebuild):
 @kernel
 def setting_size(buffer):
     """How many numbers parameters and inputs are; they lie in a row."""
-    return int(buffer[state.AT_OUTPUT]) - int(buffer[state.AT_PARAMETER])
+    return int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
 
 
 @kernel
@@ -243,11 +239,11 @@ def write_figures(buffer, figure):
     """Figures of a steady solution."""
     read_partition(buffer)
     output = state.outputs(buffer)
-    scene = state.scene(buffer, state.AT_SCENE, 0, 0)
+    scene = state.scene(buffer, state.AT.scene, 0, 0)
     figure.transport_velocity = scene.transport_velocity
-    figure.residence_time = residence_time(buffer, state.AT_SCENE, 0)
-    for deck in range(int(buffer[state.N_DECKS])):
-        figure.hold_up += state.scalars(buffer, state.AT_HOLD_UP_WORK, int(buffer[state.N_DECKS]))[
+    figure.residence_time = residence_time(buffer, state.AT.scene, 0)
+    for deck in range(state.extent(buffer).decks):
+        figure.hold_up += state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[
             deck
         ]
     figure.undersize_recovery = output.undersize_recovery
@@ -259,8 +255,8 @@ def write_figures(buffer, figure):
 def write_streams_of(buffer, result):
     """Class rates of the streams of a steady solution, behind its figures."""
     place = len(state.FIGURE)
-    for row in range(state.OVER + int(buffer[state.N_DECKS])):
-        mass = state.class_vector(buffer, state.AT_CLASS_MASS, row)
+    for row in range(state.OVER + state.extent(buffer).decks):
+        mass = state.class_vector(buffer, state.AT.class_mass, row)
         for k in range(mass.size):
             result[place] = mass[k]
             place += 1
@@ -269,29 +265,27 @@ def write_streams_of(buffer, result):
 @kernel
 def solve_decks(buffer):
     """Follow the slices of all decks to the discharge; the top one's is at the feed end."""
-    decks = int(buffer[state.N_DECKS])
-    hold_up = state.scalars(buffer, state.AT_HOLD_UP_WORK, decks)
+    decks = state.extent(buffer).decks
+    hold_up = state.scalars(buffer, state.AT.hold_up_work, decks)
     for deck in range(decks):
         if deck > 0:
             start_slice(buffer, deck)
         if conveys(buffer, deck):
-            follow(buffer, deck, residence_time(buffer, state.AT_SCENE, deck))
+            follow(buffer, deck, residence_time(buffer, state.AT.scene, deck))
         book = state.book(buffer, deck)
         width = deck_width(buffer, deck)
         last = panel_count(buffer, deck) - 1
-        passing = width * panel_velocity(buffer, state.AT_SCENE, deck, 0)
-        leaving = width * panel_velocity(buffer, state.AT_SCENE, deck, last)
-        under = state.node_vector(buffer, state.AT_STEP_MASS, deck)
-        over = state.node_vector(buffer, state.AT_STEP_MASS, decks + deck)
-        passed, lead = (
-            state.node_vector(buffer, state.AT_LEAD_PASSED, deck),
-            state.column(buffer, state.AT_LEAD, deck),
-        )
+        passing = width * panel_velocity(buffer, state.AT.scene, deck, 0)
+        leaving = width * panel_velocity(buffer, state.AT.scene, deck, last)
+        under = state.node_vector(buffer, state.AT.step_mass, deck)
+        over = state.node_vector(buffer, state.AT.step_mass, decks + deck)
+        passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+        lead = state.column(buffer, state.AT.lead, deck)
         for i in range(passed.size):
             under[i] = passing * passed[i]
             over[i] = 0.0
         for j in range(book.lead_layers):
             for i in range(passed.size):
                 over[i] += leaving * lead[j, i]
-        partial = state.column(buffer, state.AT_PARTIAL, deck)
+        partial = state.column(buffer, state.AT.partial, deck)
         hold_up[deck] = width * bed_load(partial, book.partial_layers)

@@ -148,8 +148,8 @@ def check_value(buffer, index, least, most):
 @kernel
 def check_fractions(buffer):
     """Check the feed fractions; they count only while something is fed."""
-    start = int(buffer[state.AT_FRACTION])
-    classes = int(buffer[state.N_CLASSES])
+    start = int(buffer[state.AT.fraction])
+    classes = state.extent(buffer).classes
     total = 0.0
     for k in range(classes):
         code = check_value(buffer, start + k, -ROUND_OFF, 1.0 + ROUND_OFF)
@@ -164,9 +164,9 @@ def check_fractions(buffer):
 @kernel
 def check_model(buffer, index, built_in, address):
     """Check the number of a sub-model: built in, or a user's own that is there."""
-    place = int(buffer[state.AT_PARAMETER]) + index
+    place = int(buffer[state.AT.parameter]) + index
     number = buffer[place]
-    if number < 1.0 or (number > built_in and buffer[address] <= 0.0):
+    if number < 1.0 or (number > built_in and address <= 0):
         return refuse(buffer, state.NO_MODEL, place, number, built_in)
     return state.ACCEPTED
 
@@ -174,15 +174,16 @@ def check_model(buffer, index, built_in, address):
 @kernel
 def check_models(buffer):
     """Check the sub-models; layers must be there if, and only if, the segregation uses them."""
-    code = check_model(buffer, PASSAGE_LAW, BOUNCE, state.PASSAGE_ADDRESS)
+    extent = state.extent(buffer)
+    code = check_model(buffer, PASSAGE_LAW, BOUNCE, extent.passage_address)
     if code == state.ACCEPTED:
-        code = check_model(buffer, DISPLACEMENT_MODEL, BED, state.DISPLACEMENT_ADDRESS)
+        code = check_model(buffer, DISPLACEMENT_MODEL, BED, extent.displacement_address)
     if code == state.ACCEPTED:
-        code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, state.SEGREGATION_ADDRESS)
-    place = int(buffer[state.AT_PARAMETER]) + SEGREGATION_MODEL
+        code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, extent.segregation_address)
+    place = int(buffer[state.AT.parameter]) + SEGREGATION_MODEL
     number = buffer[place]
     if code == state.ACCEPTED and number <= CLASSIFIED:
-        if (buffer[state.LAYERED] > 0.0) != (number == EXCHANGE):
+        if (extent.layered > 0) != (number == EXCHANGE):
             return refuse(buffer, state.NO_MODEL, place, number, CLASSIFIED)
     return code
 
@@ -191,16 +192,16 @@ def check_models(buffer):
 def check(buffer):
     """Check all that may change between steps, before anything changes."""
     for index, least, most in INPUT_LIMITS:
-        code = check_value(buffer, int(buffer[state.AT_INPUT]) + index, least, most)
+        code = check_value(buffer, int(buffer[state.AT.input]) + index, least, most)
         if code != state.ACCEPTED:
             return code
     for index, least, most in PARAMETER_LIMITS:
-        code = check_value(buffer, int(buffer[state.AT_PARAMETER]) + index, least, most)
+        code = check_value(buffer, int(buffer[state.AT.parameter]) + index, least, most)
         if code != state.ACCEPTED:
             return code
-    for number in range(int(buffer[state.N_DECKS]) * int(buffer[state.N_PANELS])):
+    for number in range(state.extent(buffer).decks * state.extent(buffer).panels):
         for index, least, most in PANEL_LIMITS:
-            place = int(buffer[state.AT_PANEL]) + number * len(state.PANEL) + index
+            place = int(buffer[state.AT.panel]) + number * len(state.PANEL) + index
             code = check_value(buffer, place, least, most)
             if code != state.ACCEPTED:
                 return code
@@ -224,20 +225,20 @@ def look(buffer, seen):
     for k in range(parameter.size):
         seen[place] = parameter[k]
         place += 1
-    for deck in range(int(buffer[state.N_DECKS])):
-        for number in range(int(buffer[state.N_PANELS])):
+    for deck in range(state.extent(buffer).decks):
+        for number in range(state.extent(buffer).panels):
             panel = numbers(state.panel(buffer, deck, number))
             for k in range(panel.size):
                 seen[place] = panel[k]
                 place += 1
-    harmonic = view2(buffer, int(buffer[state.AT_HARMONIC]), state.MAX_HARMONICS, 5)
+    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
     for k in range(state.MAX_HARMONICS):
         for part in range(5):
             seen[place] = harmonic[k, part]
             place += 1
     rate = max(0.0, state.inputs(buffer).feed_rate)
     seen[place] = rate
-    fraction = state.class_vector(buffer, state.AT_FRACTION, 0)
+    fraction = state.class_vector(buffer, state.AT.fraction, 0)
     for k in range(fraction.size):
         seen[place + 1 + k] = fraction[k] if rate > 0.0 else 0.0
 
@@ -257,7 +258,7 @@ def vibrates(buffer):
     """Whether anything moves: a frequency, and an amplitude or a harmonic."""
     inputs = state.inputs(buffer)
     moved = abs(inputs.amplitude)
-    harmonic = view2(buffer, int(buffer[state.AT_HARMONIC]), state.MAX_HARMONICS, 5)
+    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
     for k in range(state.MAX_HARMONICS):
         if harmonic[k, 0] > 0.0:
             moved += abs(harmonic[k, 1]) + abs(harmonic[k, 3])
@@ -268,8 +269,8 @@ def vibrates(buffer):
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
     inputs = state.inputs(buffer)
-    harmonic = view2(buffer, int(buffer[state.AT_MOTION_HARMONIC]), state.MAX_HARMONICS + 1, 5)
-    extra = view2(buffer, int(buffer[state.AT_HARMONIC]), state.MAX_HARMONICS, 5)
+    harmonic = view2(buffer, int(buffer[state.AT.motion_harmonic]), state.MAX_HARMONICS + 1, 5)
+    extra = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
     rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
     compose_motion(numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION], extra, rotation, harmonic)
     return harmonic
@@ -281,9 +282,9 @@ def solve_displacement(buffer, deck, number):
     parameter = state.parameters(buffer)
     inputs = state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
-    result = state.scalars(buffer, state.AT_DISPLACEMENT_RESULT, state.DISPLACEMENT_RESULT)
-    work = state.scalars(buffer, state.AT_DISPLACEMENT_WORK, int(buffer[state.N_DISPLACEMENT_WORK]))
-    drive = state.scalars(buffer, state.AT_DRIVE_SETTING, 5)
+    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
+    work = state.scalars(buffer, state.AT.displacement_work, state.extent(buffer).displacement_work)
+    drive = state.scalars(buffer, state.AT.drive_setting, 5)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.frequency, panel.inclination
     drive[2] = min(parameter.friction_deck, parameter.friction_internal)
@@ -297,28 +298,28 @@ def solve_displacement(buffer, deck, number):
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
-        call_displacement(int(buffer[state.DISPLACEMENT_ADDRESS]), harmonic, drive, result, work)
+        call_displacement(state.extent(buffer).displacement_address, harmonic, drive, result, work)
     result[0] *= panel.velocity_factor
 
 
 @kernel
 def set_transport(buffer, deck, number, scene):
     """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
-    result = state.scalars(buffer, state.AT_DISPLACEMENT_RESULT, state.DISPLACEMENT_RESULT)
+    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
     if not vibrates(buffer):
         for k in range(result.size):
             result[k] = 0.0
     else:
         solve_displacement(buffer, deck, number)
     if result[6] == 1.0:
-        place = int(buffer[state.AT_PANEL]) + (deck * int(buffer[state.N_PANELS]) + number) * len(
+        place = int(buffer[state.AT.panel]) + (deck * state.extent(buffer).panels + number) * len(
             state.PANEL
         )
-        friction = state.scalars(buffer, state.AT_DRIVE_SETTING, 5)[2]
+        friction = state.scalars(buffer, state.AT.drive_setting, 5)[2]
         panel = state.panel(buffer, deck, number)
         return refuse(buffer, state.TOO_STEEP, place + INCLINATION, panel.inclination, friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
-        place = int(buffer[state.AT_PARAMETER]) + DISPLACEMENT_MODEL
+        place = int(buffer[state.AT.parameter]) + DISPLACEMENT_MODEL
         return refuse(buffer, state.NO_VELOCITY, place, result[0], 0.0)
     scene.transport_velocity = max(0.0, result[0])
     scene.dissipation = result[4]
@@ -331,7 +332,7 @@ def set_transport(buffer, deck, number, scene):
 def same_transport(buffer, deck, number):
     """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
     panel = state.panel(buffer, deck, number)
-    panels = int(buffer[state.N_PANELS])
+    panels = state.extent(buffer).panels
     for other in range(deck):
         for k in range(panel_count(buffer, other)):
             known = state.panel(buffer, other, k)
@@ -349,8 +350,8 @@ def same_transport(buffer, deck, number):
 @kernel
 def copy_transport(buffer, known, scene):
     """Take the displacement of another panel into a scene."""
-    panels = int(buffer[state.N_PANELS])
-    other = state.scene(buffer, state.AT_SCENE_NOW, known // panels, known % panels)
+    panels = state.extent(buffer).panels
+    other = state.scene(buffer, state.AT.scene_now, known // panels, known % panels)
     scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
     scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
 
@@ -361,11 +362,11 @@ def stop_together(buffer, deck):
     panels = panel_count(buffer, deck)
     slowest = 1e300
     for number in range(panels):
-        scene = state.scene(buffer, state.AT_SCENE_NOW, deck, number)
+        scene = state.scene(buffer, state.AT.scene_now, deck, number)
         slowest = min(slowest, scene.transport_velocity)
     if slowest <= 0.0:
         for number in range(panels):
-            state.scene(buffer, state.AT_SCENE_NOW, deck, number).transport_velocity = 0.0
+            state.scene(buffer, state.AT.scene_now, deck, number).transport_velocity = 0.0
 
 
 # --- scene -------------------------------------------------------------------------------------
@@ -373,7 +374,7 @@ def stop_together(buffer, deck):
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
     parameter = state.parameters(buffer)
-    closure = state.scalars(buffer, state.AT_CLOSURE, 2)
+    closure = state.scalars(buffer, state.AT.closure, 2)
     scene.loosening, scene.lift, scene.depletion = 1.0, 0.0, 0.0
     thrown = parameter.passage_lift + parameter.passage_depletion
     if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + thrown == 0.0:
@@ -403,7 +404,7 @@ def set_scene(buffer, deck, number, scene):
     scene.density = parameter.bulk_density
     scene.contact_load = parameter.bulk_density * parameter.contact_depth
     scene.layer_load = parameter.bulk_density * parameter.layer_depth
-    factor = state.vector(buffer, state.AT_PASSAGE_FACTOR, int(buffer[state.N_PANELS]), deck)[
+    factor = state.vector(buffer, state.AT.passage_factor, state.extent(buffer).panels, deck)[
         number
     ]
     scene.passage_velocity = alive * parameter.passage_velocity * factor
@@ -422,13 +423,13 @@ def set_scene(buffer, deck, number, scene):
     rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
     scene.throw_angle = inputs.throw_angle + rotation
     scene.ellipticity, scene.inclination = inputs.ellipticity, panel.inclination
-    scene.horizon = residence_time(buffer, state.AT_SCENE_NOW, deck)
+    scene.horizon = residence_time(buffer, state.AT.scene_now, deck)
 
 
 @kernel
 def motion_part(buffer):
     """How many of the first numbers of `seen` are motion, parameters and panels."""
-    panels = int(buffer[state.N_DECKS]) * int(buffer[state.N_PANELS])
+    panels = state.extent(buffer).decks * state.extent(buffer).panels
     return (
         len(state.INPUT)
         - 1
@@ -448,11 +449,9 @@ def prepare(buffer, fresh):
     code = check(buffer)
     if code != state.ACCEPTED:
         return code
-    size = motion_part(buffer) + 1 + int(buffer[state.N_CLASSES])
-    now, last = (
-        state.scalars(buffer, state.AT_SEEN_NOW, size),
-        state.scalars(buffer, state.AT_LAST_SEEN, size),
-    )
+    size = motion_part(buffer) + 1 + state.extent(buffer).classes
+    now = state.scalars(buffer, state.AT.seen_now, size)
+    last = state.scalars(buffer, state.AT.last_seen, size)
     switch = state.switches(buffer)
     look(buffer, now)
     moved = fresh or differ(now, last, 0, motion_part(buffer))
@@ -473,7 +472,7 @@ def prepare(buffer, fresh):
     for k in range(size):
         last[k] = now[k]
     state.memory(buffer).settled = 0.0
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         join_queue(buffer, deck)
         if not alike:
             part_cohorts(buffer, deck)
@@ -494,10 +493,10 @@ def same_rates(buffer, now, last):
     ends = BEFORE_BOUNCE if law < BOUNCE else BEFORE_TRANSPORT
     if law > BOUNCE or model > CLASSIFIED:
         ends = state.FIXED_SCENE
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = numbers(state.scene(buffer, state.AT_SCENE_NOW, deck, number))
-            used = numbers(state.scene(buffer, state.AT_SCENE, deck, number))
+            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
+            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
             if differ(scene, used, 0, ends):
                 return False
     return True
@@ -513,7 +512,7 @@ def displaced(buffer, now, last):
         if now[inputs + k] != last[inputs + k]:
             return True
     first = inputs + len(state.PARAMETER)
-    for number in range(int(buffer[state.N_DECKS]) * int(buffer[state.N_PANELS])):
+    for number in range(state.extent(buffer).decks * state.extent(buffer).panels):
         for k in OF_PANEL_DISPLACEMENT:
             place = first + number * len(state.PANEL) + k
             if now[place] != last[place]:
@@ -525,10 +524,10 @@ def displaced(buffer, now, last):
 @kernel
 def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = state.scene(buffer, state.AT_SCENE_NOW, deck, number)
-            now, used = numbers(scene), numbers(state.scene(buffer, state.AT_SCENE, deck, number))
+            scene = state.scene(buffer, state.AT.scene_now, deck, number)
+            now, used = numbers(scene), numbers(state.scene(buffer, state.AT.scene, deck, number))
             for k in range(now.size):
                 now[k] = used[k]
             if solve:
@@ -539,20 +538,20 @@ def prepare_scenes(buffer, solve):
                     code = set_transport(buffer, deck, number, scene)
                     if code != state.ACCEPTED:
                         return code
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         stop_together(buffer, deck)
         for number in range(panel_count(buffer, deck)):
-            set_scene(buffer, deck, number, state.scene(buffer, state.AT_SCENE_NOW, deck, number))
+            set_scene(buffer, deck, number, state.scene(buffer, state.AT.scene_now, deck, number))
     return state.ACCEPTED
 
 
 @kernel
 def keep_scenes(buffer):
     """Take the scenes in scene_now into use."""
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = numbers(state.scene(buffer, state.AT_SCENE_NOW, deck, number))
-            used = numbers(state.scene(buffer, state.AT_SCENE, deck, number))
+            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
+            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
             for k in range(state.FIXED_SCENE):
                 used[k] = scene[k]
 
@@ -560,8 +559,8 @@ def keep_scenes(buffer):
 @kernel
 def spread_feed(buffer):
     """Split the fed classes over the nodes inside them, normalised to one."""
-    fraction = state.class_vector(buffer, state.AT_FRACTION, 0)
-    spread = state.class_vector(buffer, state.AT_CLASS_MASS, 0)
+    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    spread = state.class_vector(buffer, state.AT.class_mass, 0)
     total = 0.0
     for k in range(fraction.size):
         spread[k] = max(0.0, fraction[k])
@@ -569,13 +568,13 @@ def spread_feed(buffer):
     for k in range(fraction.size):
         spread[k] /= total
     split_classes(
-        state.scalars(buffer, state.AT_EDGE, fraction.size + 1),
+        state.scalars(buffer, state.AT.edge, fraction.size + 1),
         spread,
-        state.node_vector(buffer, state.AT_NODE_CLASS, 0),
-        state.node_vector(buffer, state.AT_NODE_POSITION, 0),
-        state.node_vector(buffer, state.AT_NODE_WEIGHT, 0),
-        state.scalars(buffer, state.AT_SLOPE, fraction.size + 1),
-        state.node_vector(buffer, state.AT_FEED_FRACTION, 0),
+        state.node_vector(buffer, state.AT.node_class, 0),
+        state.node_vector(buffer, state.AT.node_position, 0),
+        state.node_vector(buffer, state.AT.node_weight, 0),
+        state.scalars(buffer, state.AT.slope, fraction.size + 1),
+        state.node_vector(buffer, state.AT.feed_fraction, 0),
     )
 
 
@@ -595,11 +594,11 @@ def add_compensated(ledger_sum, ledger_rest, mass):
 @kernel
 def book_masses(buffer):
     """Add the class masses of the step (rows fed, undersize, oversize) to the ledger."""
-    for row in range(state.OVER + int(buffer[state.N_DECKS])):
+    for row in range(state.OVER + state.extent(buffer).decks):
         add_compensated(
-            state.class_vector(buffer, state.AT_LEDGER, 2 * row),
-            state.class_vector(buffer, state.AT_LEDGER, 2 * row + 1),
-            state.class_vector(buffer, state.AT_CLASS_MASS, row),
+            state.class_vector(buffer, state.AT.ledger, 2 * row),
+            state.class_vector(buffer, state.AT.ledger, 2 * row + 1),
+            state.class_vector(buffer, state.AT.class_mass, row),
         )
 
 
@@ -607,8 +606,8 @@ def book_masses(buffer):
 def ledger_total(buffer, row):
     """Cumulative mass of all classes of a stream, kg."""
     total = 0.0
-    whole = state.class_vector(buffer, state.AT_LEDGER, 2 * row)
-    rest = state.class_vector(buffer, state.AT_LEDGER, 2 * row + 1)
+    whole = state.class_vector(buffer, state.AT.ledger, 2 * row)
+    rest = state.class_vector(buffer, state.AT.ledger, 2 * row + 1)
     for k in range(whole.size):
         total += rest[k]
     for k in range(whole.size):
@@ -619,17 +618,15 @@ def ledger_total(buffer, row):
 @kernel
 def balance_error(buffer):
     """Fed - discharged - held since the start, kg, class by class."""
-    initial, held = (
-        state.class_vector(buffer, state.AT_INITIAL_MASS, 0),
-        state.class_vector(buffer, state.AT_HELD, 0),
-    )
+    initial = state.class_vector(buffer, state.AT.initial_mass, 0)
+    held = state.class_vector(buffer, state.AT.held, 0)
     error = 0.0
     for k in range(held.size):
-        open_sum = state.class_vector(buffer, state.AT_LEDGER, 2 * state.FED)[k]
-        rest = state.class_vector(buffer, state.AT_LEDGER, 2 * state.FED + 1)[k]
-        for row in range(state.UNDER, state.OVER + int(buffer[state.N_DECKS])):
-            open_sum -= state.class_vector(buffer, state.AT_LEDGER, 2 * row)[k]
-            rest -= state.class_vector(buffer, state.AT_LEDGER, 2 * row + 1)[k]
+        open_sum = state.class_vector(buffer, state.AT.ledger, 2 * state.FED)[k]
+        rest = state.class_vector(buffer, state.AT.ledger, 2 * state.FED + 1)[k]
+        for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
+            open_sum -= state.class_vector(buffer, state.AT.ledger, 2 * row)[k]
+            rest -= state.class_vector(buffer, state.AT.ledger, 2 * row + 1)[k]
         error += (open_sum - held[k] + initial[k]) + rest
     return error
 
@@ -637,16 +634,16 @@ def balance_error(buffer):
 @kernel
 def count_held(buffer):
     """What lies on all decks by class, into `held`, kg."""
-    node = state.node_vector(buffer, state.AT_NODE_WORK, 0)
+    node = state.node_vector(buffer, state.AT.node_work, 0)
     for i in range(node.size):
         node[i] = 0.0
-    hold_up = state.scalars(buffer, state.AT_HOLD_UP_WORK, int(buffer[state.N_DECKS]))
-    for deck in range(int(buffer[state.N_DECKS])):
+    hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)
+    for deck in range(state.extent(buffer).decks):
         hold_up[deck] = held_by_node(buffer, deck, node)
     merge_classes(
         node,
-        state.node_vector(buffer, state.AT_NODE_CLASS, 0),
-        state.class_vector(buffer, state.AT_HELD, 0),
+        state.node_vector(buffer, state.AT.node_class, 0),
+        state.class_vector(buffer, state.AT.held, 0),
     )
 
 
@@ -654,7 +651,7 @@ def count_held(buffer):
 @kernel
 def write_stream(buffer, row, fraction, duration):
     """Fractions of a stream over the step (without flow they stay); returns its mean rate, kg/s."""
-    mass = state.class_vector(buffer, state.AT_CLASS_MASS, row)
+    mass = state.class_vector(buffer, state.AT.class_mass, row)
     total = 0.0
     for k in range(mass.size):
         total += mass[k]
@@ -671,17 +668,17 @@ def write_recovery(buffer):
     The recovery is that of the box, through the lowest deck; the efficiency that of the top deck.
     """
     output = state.outputs(buffer)
-    size = state.node_vector(buffer, state.AT_SIZE, 0)
-    passed = state.node_vector(buffer, state.AT_STEP_MASS, int(buffer[state.N_DECKS]) - 1)
-    passed_top = state.node_vector(buffer, state.AT_STEP_MASS, 0)
-    fraction = state.node_vector(buffer, state.AT_FEED_FRACTION, 0)
+    size = state.node_vector(buffer, state.AT.size, 0)
+    passed = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks - 1)
+    passed_top = state.node_vector(buffer, state.AT.step_mass, 0)
+    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
     aperture = state.panel(buffer, 0, 0).aperture
     for number in range(1, panel_count(buffer, 0)):
         aperture = min(aperture, state.panel(buffer, 0, number).aperture)
     fed, out, out_top = 0.0, 0.0, 0.0
     total = 0.0
-    for k in range(int(buffer[state.N_CLASSES])):
-        total += state.class_vector(buffer, state.AT_CLASS_MASS, state.FED)[k]
+    for k in range(state.extent(buffer).classes):
+        total += state.class_vector(buffer, state.AT.class_mass, state.FED)[k]
     for i in range(size.size):
         if size[i] < aperture:
             fed += fraction[i] * total
@@ -719,18 +716,16 @@ def partition_size(size, fine, coarse, level, closed):
 def write_partition(buffer):
     """Cut size and ecart probable of the step from the partition over the nodes."""
     output = state.outputs(buffer)
-    size = state.node_vector(buffer, state.AT_SIZE, 0)
-    decks = int(buffer[state.N_DECKS])
-    fine, coarse = (
-        state.node_vector(buffer, state.AT_NODE_WORK, 0),
-        state.node_vector(buffer, state.AT_STEP_MASS, decks),
-    )
+    size = state.node_vector(buffer, state.AT.size, 0)
+    decks = state.extent(buffer).decks
+    fine = state.node_vector(buffer, state.AT.node_work, 0)
+    coarse = state.node_vector(buffer, state.AT.step_mass, decks)
     # What does not leave over the top deck passes it: through all decks, or over a lower one.
-    passed = state.node_vector(buffer, state.AT_STEP_MASS, decks - 1)
+    passed = state.node_vector(buffer, state.AT.step_mass, decks - 1)
     for i in range(size.size):
         fine[i] = passed[i]
     for deck in range(1, decks):
-        between = state.node_vector(buffer, state.AT_STEP_MASS, decks + deck)
+        between = state.node_vector(buffer, state.AT.step_mass, decks + deck)
         for i in range(size.size):
             fine[i] += between[i]
     closed = 0.0
@@ -751,8 +746,8 @@ def write_state(buffer):
     output = state.outputs(buffer)
     parameter = state.parameters(buffer)
     inputs = state.inputs(buffer)
-    scene = state.scene(buffer, state.AT_SCENE, 0, 0)
-    held = state.class_vector(buffer, state.AT_HELD, 0)
+    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    held = state.class_vector(buffer, state.AT.held, 0)
     total = 0.0
     for k in range(held.size):
         total += held[k]
@@ -761,7 +756,7 @@ def write_state(buffer):
     output.throw_number = scene.throw_number
     output.alarm_bed_depth, output.alarm_capacity, output.alarm_transport = 0.0, 0.0, 0.0
     bed = 0.0
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         bed += write_bed(buffer, deck)
     output.depth_feed = deck_bed(buffer, 0).depth_feed
     output.depth_discharge = deck_bed(buffer, 0).depth_discharge
@@ -777,7 +772,7 @@ def write_state(buffer):
 def deck_bed(buffer, deck):
     """Outputs of the bed on a deck."""
     return record(
-        buffer, int(buffer[state.AT_DECK_BED]) + deck * len(state.DECK_BED), state.DECK_BED
+        buffer, int(buffer[state.AT.deck_bed]) + deck * len(state.DECK_BED), state.DECK_BED
     )
 
 
@@ -786,21 +781,21 @@ def write_bed(buffer, deck):
     """Hold-up, depths, velocity and alarms of a deck; returns the power that its bed takes, W."""
     output = state.outputs(buffer)
     bed = deck_bed(buffer, deck)
-    bed.hold_up = state.scalars(buffer, state.AT_HOLD_UP_WORK, int(buffer[state.N_DECKS]))[deck]
+    bed.hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[deck]
     bed.depth_feed = depth_at_feed(buffer, deck)
     bed.depth_discharge = depth_at_discharge(buffer, deck)
-    bed.transport_velocity = state.scene(buffer, state.AT_SCENE, deck, 0).transport_velocity
+    bed.transport_velocity = state.scene(buffer, state.AT.scene, deck, 0).transport_velocity
     panels = panel_count(buffer, deck)
     length = deck_length(buffer, deck)
     power = 0.0
     for number in range(panels):
-        scene = state.scene(buffer, state.AT_SCENE, deck, number)
+        scene = state.scene(buffer, state.AT.scene, deck, number)
         fall = GRAVITY * scene.transport_velocity * sin(scene.inclination)
         share = state.panel(buffer, deck, number).length / length
         power += share * max(0.0, scene.dissipation - fall)
         if scene.transport_status >= 2.0:
             output.alarm_transport = 1.0
-    deep = DEEP * state.scene(buffer, state.AT_SCENE, deck, panels - 1).aperture
+    deep = DEEP * state.scene(buffer, state.AT.scene, deck, panels - 1).aperture
     if bed.depth_discharge > deep:
         output.alarm_bed_depth = 1.0
     if state.book(buffer, deck).capacity_alarm > 0.0:
@@ -815,7 +810,7 @@ def write_sums(buffer):
     output.feed_mass = ledger_total(buffer, state.FED)
     output.undersize_mass = ledger_total(buffer, state.UNDER)
     output.oversize_mass = ledger_total(buffer, state.OVER)
-    for k in range(int(buffer[state.N_DECKS]) - 1):
+    for k in range(state.extent(buffer).decks - 1):
         between = state.intermediate(buffer, k)
         between.mass = ledger_total(buffer, state.OVER + 1 + k)
 
@@ -824,10 +819,10 @@ def write_sums(buffer):
 def fed_masses(buffer, row, duration):
     """Class masses fed in the step, kg."""
     rate = max(0.0, state.inputs(buffer).feed_rate)
-    mass = state.class_vector(buffer, state.AT_CLASS_MASS, row)
+    mass = state.class_vector(buffer, state.AT.class_mass, row)
     merge_classes(
-        state.node_vector(buffer, state.AT_FEED_FRACTION, 0),
-        state.node_vector(buffer, state.AT_NODE_CLASS, 0),
+        state.node_vector(buffer, state.AT.feed_fraction, 0),
+        state.node_vector(buffer, state.AT.node_class, 0),
         mass,
     )
     for k in range(mass.size):
@@ -838,9 +833,9 @@ def fed_masses(buffer, row, duration):
 @kernel
 def steady_step(buffer, duration):
     """A step in a steady scene: all rates are known, only the sums grow."""
-    for row in range(state.OVER + int(buffer[state.N_DECKS])):
-        rate = state.class_vector(buffer, state.AT_STEADY_RATE, row)
-        mass = state.class_vector(buffer, state.AT_CLASS_MASS, row)
+    for row in range(state.OVER + state.extent(buffer).decks):
+        rate = state.class_vector(buffer, state.AT.steady_rate, row)
+        mass = state.class_vector(buffer, state.AT.class_mass, row)
         for k in range(rate.size):
             mass[k] = rate[k] * duration
     book_masses(buffer)
@@ -852,9 +847,9 @@ def steady_step(buffer, duration):
 @kernel
 def move(buffer, duration):
     """Advance the decks; the masses of the step lie in step_mass and class_mass after it."""
-    decks = int(buffer[state.N_DECKS])
+    decks = state.extent(buffer).decks
     for row in range(2 * decks):
-        mass = state.node_vector(buffer, state.AT_STEP_MASS, row)
+        mass = state.node_vector(buffer, state.AT.step_mass, row)
         for i in range(mass.size):
             mass[i] = 0.0
     for deck in range(decks):
@@ -866,14 +861,14 @@ def move(buffer, duration):
 @kernel
 def sum_streams(buffer, duration):
     """Sum the masses of the step over the classes: what was fed, the undersize, each oversize."""
-    decks = int(buffer[state.N_DECKS])
+    decks = state.extent(buffer).decks
     fed_masses(buffer, state.FED, duration)
-    classes = state.node_vector(buffer, state.AT_NODE_CLASS, 0)
+    classes = state.node_vector(buffer, state.AT.node_class, 0)
     # What passes the lowest deck, and what leaves over each.
     for row in range(decks + 1):
-        mass = state.node_vector(buffer, state.AT_STEP_MASS, decks - 1 + row)
+        mass = state.node_vector(buffer, state.AT.step_mass, decks - 1 + row)
         merge_classes(
-            mass, classes, state.class_vector(buffer, state.AT_CLASS_MASS, state.UNDER + row)
+            mass, classes, state.class_vector(buffer, state.AT.class_mass, state.UNDER + row)
         )
 
 
@@ -881,9 +876,9 @@ def sum_streams(buffer, duration):
 def at_rest(buffer):
     """Whether nothing vibrates and nothing is fed: nothing can change."""
     alive = max(0.0, state.inputs(buffer).feed_rate)
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = state.scene(buffer, state.AT_SCENE, deck, number)
+            scene = state.scene(buffer, state.AT.scene, deck, number)
             alive += scene.passage_velocity + scene.segregation_velocity
             alive += scene.mixing
             alive += scene.transport_velocity
@@ -894,12 +889,12 @@ def at_rest(buffer):
 def write_streams(buffer, duration):
     """Outputs that are means over the step."""
     output = state.outputs(buffer)
-    under = state.class_vector(buffer, state.AT_UNDERSIZE_FRACTION, 0)
-    over = state.class_vector(buffer, state.AT_OVERSIZE_FRACTION, 0)
+    under = state.class_vector(buffer, state.AT.undersize_fraction, 0)
+    over = state.class_vector(buffer, state.AT.oversize_fraction, 0)
     output.undersize_rate = write_stream(buffer, state.UNDER, under, duration)
     output.oversize_rate = write_stream(buffer, state.OVER, over, duration)
-    for k in range(int(buffer[state.N_DECKS]) - 1):
-        fraction = state.class_vector(buffer, state.AT_INTERMEDIATE_FRACTION, k)
+    for k in range(state.extent(buffer).decks - 1):
+        fraction = state.class_vector(buffer, state.AT.intermediate_fraction, k)
         between = state.intermediate(buffer, k)
         between.rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
     write_recovery(buffer)
@@ -938,9 +933,9 @@ def advance(buffer, duration):
     write_state(buffer)
     if settled and state.switches(buffer).steady_scene > 0.0:
         memory.settled = 1.0
-        for row in range(state.OVER + int(buffer[state.N_DECKS])):
-            rate = state.class_vector(buffer, state.AT_STEADY_RATE, row)
-            mass = state.class_vector(buffer, state.AT_CLASS_MASS, row)
+        for row in range(state.OVER + state.extent(buffer).decks):
+            rate = state.class_vector(buffer, state.AT.steady_rate, row)
+            mass = state.class_vector(buffer, state.AT.class_mass, row)
             for k in range(rate.size):
                 rate[k] = mass[k] / duration
     return state.ACCEPTED
@@ -949,33 +944,31 @@ def advance(buffer, duration):
 @kernel
 def initialise(buffer):
     """Start: empty decks, or full of the duty in the inputs where bed.initial is steady."""
-    for deck in range(int(buffer[state.N_DECKS])):
+    for deck in range(state.extent(buffer).decks):
         clear_deck(buffer, deck)
     code = prepare(buffer, True)
     if code != state.ACCEPTED:
         return code
-    fraction = state.class_vector(buffer, state.AT_FRACTION, 0)
-    for at in (state.AT_UNDERSIZE_FRACTION, state.AT_OVERSIZE_FRACTION):
+    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    for at in (state.AT.undersize_fraction, state.AT.oversize_fraction):
         stream = state.class_vector(buffer, at, 0)
         for k in range(stream.size):
             stream[k] = fraction[k]
-    for between in range(int(buffer[state.N_DECKS]) - 1):
-        stream = state.class_vector(buffer, state.AT_INTERMEDIATE_FRACTION, between)
+    for between in range(state.extent(buffer).decks - 1):
+        stream = state.class_vector(buffer, state.AT.intermediate_fraction, between)
         for k in range(stream.size):
             stream[k] = fraction[k]
     filling = 0.0
-    for deck in range(int(buffer[state.N_DECKS])):
-        filling += residence_time(buffer, state.AT_SCENE, deck)
+    for deck in range(state.extent(buffer).decks):
+        filling += residence_time(buffer, state.AT.scene, deck)
     full = state.parameters(buffer).initial == STEADY_START
-    if full and residence_time(buffer, state.AT_SCENE, 0) > 0.0:
+    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
         move(buffer, FILLING * filling)
         move(buffer, 1.0)
     count_held(buffer)
-    if full and residence_time(buffer, state.AT_SCENE, 0) > 0.0:
-        held, initial = (
-            state.class_vector(buffer, state.AT_HELD, 0),
-            state.class_vector(buffer, state.AT_INITIAL_MASS, 0),
-        )
+    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
+        held = state.class_vector(buffer, state.AT.held, 0)
+        initial = state.class_vector(buffer, state.AT.initial_mass, 0)
         for k in range(held.size):
             initial[k] = held[k]
         write_streams(buffer, 1.0)
