@@ -37,7 +37,7 @@ STAMP = "engine.stamp"
 NATIVE = FOLDER.parent / "native"
 NO_KERNELS = ("__init__.py", "library.py", "registry.py")
 # What makes a library of what the kernels say; the C layer of FMUs.
-LAYER = ("fmi2.c", "fmi2.h", "place.h", "sheet.h")
+LAYER = ("fmi2.c", "fmi2.h", "place.h", "processor.h", "sheet.h")
 MAKERS = ("machine.py", "header.py", *LAYER)
 # Platforms by their folder in an FMU, and what a library is called there.
 HOSTS = {
