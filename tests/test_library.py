@@ -139,7 +139,6 @@ def test_the_build_is_that_of_the_processor() -> None:
     assert _fresh(BUILD, VIBROSCREEN_PROCESSOR="plain").strip() == "plain"
 
 
-
 def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
     """The library for a plain processor and for this one, and the engine compiled in memory."""
     assert _fresh(WALK, *SCREENS).split() == BITS
