@@ -120,6 +120,25 @@ def test_the_library_needs_no_compiler() -> None:
     assert _fresh(NO_COMPILER) == "[]\n"
 
 
+BUILD = """
+import ctypes
+from vibroscreen.kernels import library
+build = ctypes.CDLL(str(library.library())).vibroscreen_build
+build.restype = ctypes.c_char_p
+print(build().decode())
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="asks Linux what the processor has")
+def test_the_build_is_that_of_the_processor() -> None:
+    """The system lists what it lets programs use of the processor."""
+    text = Path("/proc/cpuinfo").read_text()
+    flags = next((line.split() for line in text.splitlines() if line.startswith("flags")), [])
+    wanted = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
+    assert _fresh(BUILD).strip() == ("v3" if wanted <= set(flags) else "plain")
+    assert _fresh(BUILD, VIBROSCREEN_PROCESSOR="plain").strip() == "plain"
+
+
 def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
     """The library for a plain processor and for this one, and the engine compiled in memory."""
     assert _fresh(WALK, *SCREENS).split() == BITS

@@ -193,6 +193,7 @@ class Screen:
 
     def _look_up(self) -> None:
         """Find once what every call reads and writes of the buffers."""
+        self._run = run.on(self.buffer)
         self._memory = self.record("memory")
         self._inputs = Inputs(self.layout, self.buffer)
         self._column_inputs = Inputs(self._column, self._column_buffer)
@@ -230,7 +231,7 @@ class Screen:
         self.buffer[self.layout.section["outputs"]] = 0.0
         self.buffer[self.layout.section["state"]] = 0.0
         try:
-            _accept(run(self.buffer, INITIALISE, 0.0, 0.0), self.buffer, self.layout)
+            _accept(self._run(INITIALISE, 0.0, 0.0), self.buffer, self.layout)
         except InputError:
             self.buffer[:] = kept
             raise
@@ -241,14 +242,14 @@ class Screen:
         Raises InputError with the name, value and limit of the first input that is out of range;
         the state is as before then.
         """
-        if not isinstance(duration, Real):
+        if type(duration) is not float and not isinstance(duration, Real):
             raise InputError(f"dt = {duration!r} is not a number: give a step in seconds", "dt")
         seconds = float(duration)
         if not SHORTEST_STEP <= seconds < math.inf:
             raise InputError(told("no_time", value=seconds), "dt")
         if seconds > LONGEST_STEP:
             raise InputError(told("long_time", value=seconds, limit=LONGEST_STEP), "dt")
-        _accept(run(self.buffer, ADVANCE, seconds, 0.0), self.buffer, self.layout)
+        _accept(self._run(ADVANCE, seconds, 0.0), self.buffer, self.layout)
 
     @property
     def state(self) -> bytes:
@@ -266,7 +267,7 @@ class Screen:
     def read(self) -> None:
         """Bring outputs up to date that are found only when they are read: sizes of the cut."""
         if self._memory.unread > 0.0:
-            run(self.buffer, READ, 0.0, 0.0)
+            self._run(READ, 0.0, 0.0)
 
     # --- for people ---------------------------------------------------------------------------
     def step(self, dt: float, feed: Feed | None = None, motion: Motion | None = None) -> StepResult:

@@ -250,14 +250,14 @@ class Slice:
         self, config: ScreenConfig, nodes: Nodes, layout: Layout, buffer: Array, check: Check
     ) -> None:
         self.config, self.nodes, self.layout, self.buffer = config, nodes, layout, buffer
-        self._check = check
+        self._run, self._check = run.on(buffer), check
         setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
         fields = {name: layout.view(buffer, name) for name in Kept._fields if name != "setting"}
         self._found = Kept(**fields, setting=buffer[setting])
 
     def solve(self, feed: Feed) -> SteadyResult:
         """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
-        self._check(run(self.buffer, SOLVE, 0.0, 0.0), self.buffer, self.layout)
+        self._check(self._run(SOLVE, 0.0, 0.0), self.buffer, self.layout)
         kept = Kept._make([values.copy() for values in self._found])
         return SteadyResult(feed, self, kept)
 
@@ -265,7 +265,7 @@ class Slice:
         """What lies along every deck in a steady state that was found before."""
         config, nodes, layout, buffer = self.config, self.nodes, self.layout, self.buffer
         self._found.setting[:] = kept.setting
-        self._check(run(buffer, START_SLICE, 0.0, 0.0), buffer, layout)
+        self._check(self._run(START_SLICE, 0.0, 0.0), buffer, layout)
         return tuple(
             _profile(config, nodes, layout, buffer, d, _velocities(kept.scene, config, d), points)
             for d in range(len(config.decks))

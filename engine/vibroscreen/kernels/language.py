@@ -64,6 +64,12 @@ class Entry:
     def __call__(self, *arguments: Any) -> Any:
         return self.call(*arguments)
 
+    def on(self, buffer: Any) -> Callable[..., Any]:
+        """The kernel for one buffer that lives on where it is: a swifter call."""
+        from vibroscreen.kernels.library import engine
+
+        return engine().caller_on(self, buffer)
+
 
 def entry(signature: str) -> Callable[[Callable[..., Any]], Entry]:
     """Make a kernel an entry: signature such as "int64(vector, float64)" (KINDS, RETURNED)."""

@@ -37,7 +37,7 @@ STAMP = "engine.stamp"
 NATIVE = FOLDER.parent / "native"
 NO_KERNELS = ("__init__.py", "library.py", "registry.py")
 # What makes a library of what the kernels say; the C layer of FMUs.
-LAYER = ("fmi2.c", "fmi2.h", "place.h", "sheet.h")
+LAYER = ("fmi2.c", "fmi2.h", "place.h", "processor.h", "sheet.h")
 MAKERS = ("machine.py", "header.py", *LAYER)
 # Platforms by their folder in an FMU, and what a library is called there.
 HOSTS = {
@@ -152,13 +152,6 @@ class Compiled:
             taken += [_POINTER, *[ctypes.c_int64] * rank[kind]] if kind in rank else [scalar]
         form = ctypes.CFUNCTYPE(_C_KIND[entry.returned], *taken)
         function = self._function(f"vibroscreen_{entry.name}", form)
-        if entry.arguments[0] == "vector" and not set(entry.arguments[1:]) & set(rank):
-            start = ctypes.c_double.from_buffer  # a third of the time of the general way
-
-            def call_row(buffer: Any, *numbers: Any) -> Any:
-                return function(start(buffer), buffer.size, *numbers)
-
-            return call_row
 
         def call(*arguments: Any) -> Any:
             given: list[Any] = []
@@ -168,6 +161,14 @@ class Compiled:
 
         return call
 
+    def caller_on(self, entry: Entry, buffer: Any) -> Callable[..., Any]:
+        """What Python calls for an entry whose one array is this buffer."""
+        kinds = [_C_KIND[kind] for kind in entry.arguments[1:]]
+        form = ctypes.CFUNCTYPE(_C_KIND[entry.returned], ctypes.c_void_p, ctypes.c_int64, *kinds)
+        function = self._function(f"vibroscreen_{entry.name}", form)
+        _address(buffer)
+        return functools.partial(function, buffer.ctypes.data, buffer.size)
+
 
 class Plain:
     """Kernels as they stand, in Python."""
@@ -175,6 +176,10 @@ class Plain:
     def caller(self, entry: Entry) -> Callable[..., Any]:
         """What Python calls for an entry."""
         return entry.function
+
+    def caller_on(self, entry: Entry, buffer: Any) -> Callable[..., Any]:
+        """What Python calls for an entry whose one array is this buffer."""
+        return functools.partial(entry.function, buffer)
 
 
 def _loaded(path: Path) -> Compiled:

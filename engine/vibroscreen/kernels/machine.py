@@ -42,7 +42,18 @@ ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack
 ELF += ("-Wl,-Bsymbolic", "-ldl")
 # What the library may take from the C library.
 ALLOWED = MATHEMATICS | {
-    *("atoi", "calloc", "free", "getenv", "malloc", "memchr", "memcmp", "memcpy", "memmove"),
+    *(
+        "atoi",
+        "bcmp",
+        "calloc",
+        "free",
+        "getenv",
+        "malloc",
+        "memchr",
+        "memcmp",
+        "memcpy",
+        "memmove",
+    ),
     *("memset", "snprintf", "sprintf", "strchr", "strcmp", "strcpy", "strcspn", "strlen"),
     *("strncmp", "strrchr", "strspn", "strtol"),
     # files, and the place of the library
@@ -52,8 +63,8 @@ ALLOWED = MATHEMATICS | {
     *("_ITM_registerTMCloneTable", "__stack_chk_fail", "__snprintf_chk", "__sprintf_chk"),
     *("__strcpy_chk", "__memcpy_chk", "__fread_chk"),
 }
-# LLVM's first level: what counts is written out in fours already, and higher ones take longer to
-# compile without a gain that could be measured.
+# LLVM's first level, with vectors for the loops that are not written out in fours: higher levels
+# take longer to compile and gave nothing (an eighth slower without the vectors).
 LEVEL = 1
 
 
@@ -137,7 +148,7 @@ def _optimise(module: Any, machine: Any, triple: str, shown: Iterable[str]) -> N
         if not variable.is_declaration:
             variable.linkage = "internal"
     options = llvm.create_pipeline_tuning_options(speed_level=LEVEL)
-    options.loop_vectorization = options.slp_vectorization = False
+    options.loop_vectorization = True
     builder = llvm.create_pass_builder(machine, options)
     first = llvm.create_new_module_pass_manager()
     first.add_global_dead_code_eliminate_pass()
@@ -245,9 +256,12 @@ def prototypes() -> str:
 
 
 def choosing(builds: Sequence[str]) -> str:
-    """C source: every entry calls that of the build that this processor has."""
+    """C source: every entry calls that of the build that this processor has.
+
+    vibroscreen_build() says which that is.
+    """
     lines = ["#include <stdint.h>", "#include <stdlib.h>", "#include <string.h>"]
-    lines.append('#include "fmi2.h"')
+    lines += ['#include "fmi2.h"', '#include "processor.h"']
     calls, choices = [], []
     for entry in ENTRIES.values():
         kinds = [kind for word in entry.arguments for kind in _C[word].split(", ")]
@@ -262,16 +276,16 @@ def choosing(builds: Sequence[str]) -> str:
             f"{{ {'return ' if kind != 'void' else ''}{name}({names}); }}"
         )
         choices.append(f"    {name} = vibroscreen_{name}_{builds[-1]};")
+    lines.append(f'static const char *build = "{builds[0]}";')
+    calls.append("SHOWN const char *vibroscreen_build(void) { return build; }")
     lines += calls
     if len(builds) > 1:
         lines += [
             "__attribute__((constructor)) static void choose(void) {",
             '    const char *kept = getenv("VIBROSCREEN_PROCESSOR");',
-            "    __builtin_cpu_init();",
-            '    int plain = kept && !strcmp(kept, "plain");',
-            f'    if (plain || !__builtin_cpu_supports("x86-64-{builds[-1]}"))',
-            "        return;",
+            f'    if ((kept && !strcmp(kept, "{builds[0]}")) || !has_{builds[-1]}()) return;',
             *choices,
+            f'    build = "{builds[-1]}";',
             "}",
         ]
     return "\n".join(lines) + "\n"
