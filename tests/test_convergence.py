@@ -22,9 +22,9 @@ AREAL_MASS, TIME = 70.0, 2.0
 
 @compiled
 def march_explicit(buffer, layers, h, steps, scheme):
-    """Steps of one length of an explicit scheme, from the block NOW; five stages if stabilised.
+    """Steps of one length of an explicit scheme, from the block NOW.
 
-    scheme: PAIR, STABILISED or the number of stages of the chain.
+    scheme: PAIR or the number of stages of the chain.
     """
     scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
@@ -33,8 +33,6 @@ def march_explicit(buffer, layers, h, steps, scheme):
         )
         if scheme == schemes.PAIR:
             schemes.pair_step(buffer, scene_, layers, h, 0.0)
-        elif scheme == schemes.STABILISED:
-            schemes.stabilised_step(buffer, scene_, layers, h, 5, 0.0)
         else:
             schemes.chain_step(buffer, scene_, layers, h, scheme, 0.0)
         schemes.take_explicit(buffer, layers, False)
@@ -55,7 +53,6 @@ STAGES = range(schemes.CHAIN_LEAST, schemes.CHAIN_MOST + 1)
 SCHEMES = {
     "pair": (schemes.PAIR, 5, (1, 2, 4, 8)),
     **{f"chain of {s}": (s, 3, (2, 4, 8, 16)) for s in STAGES},
-    "stabilised": (schemes.STABILISED, 2, (4, 8, 16, 32)),
     "implicit": (None, 3, (4, 8, 16, 32)),
 }
 

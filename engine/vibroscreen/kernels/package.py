@@ -44,10 +44,8 @@ from vibroscreen.kernels.schemes import (
     CHAIN_LEAST,
     CHAIN_MOST,
     CHAIN_STABLE,
-    MOST_STAGES,
     OF_PART,
     PAIR,
-    STABILISED,
     STABLE,
     carry_debts,
     chain_stages,
@@ -60,8 +58,6 @@ from vibroscreen.kernels.schemes import (
     pay_integral,
     rows_in_use,
     run_trial,
-    stabilised_step,
-    stages_for,
     step_error,
     sum_step,
     take_explicit,
@@ -103,17 +99,14 @@ HIGHER, LEAST_HIGHER = 0.39, 0.02
 # Estimates may be this much above the tolerance, as what they find is mostly damped later on: the
 # error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
 # have a kink at every size, where no order is left; a reconstruction has them in every layer.
-MARGIN = (5.0, 7.0, 5.0)
-MARGIN_SORTED = (3.0, 2.0, 5.0)
+MARGIN = (5.0, 7.0)
+MARGIN_SORTED = (3.0, 2.0)
 # The same for the steps of the chain that an error of third order in a step of the pair foretells,
 # and how many times as long as that step they may be.
 MARGIN_WIDE = 20.0
 MOST_WIDER = 5.0
 # A last step may be this part longer than planned: the estimate has that much in reserve.
 SLACK = 0.12
-# The stabilised scheme steps so much less far than the chain; it is tried where the chain's step,
-# times the fastest rate, is longer than the chain is stable.
-SHORTER = 1.5
 # Parts of the step that an estimate allows.
 SAFETY, SAFETY_WIDE = 0.93, 0.85
 
@@ -511,13 +504,6 @@ def choose_scheme(buffer, book, fastest, left):
                 scheme, h, rates = CHAIN, reach, stages
             if reach == wide:
                 break
-    if (
-        wide * fastest > CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
-        and state.extent(buffer).source_terms < 2.0
-    ):
-        reach = min(wide / SHORTER, (MOST_STAGES - 1) ** 2 / 1.54 / fastest)
-        if stages_for(reach * fastest) * h < rates * reach:
-            scheme, h = STABILISED, reach
     # Steps of one length to the end.
     return scheme, left / max(1.0, ceil(left / h - SLACK))
 
@@ -530,8 +516,6 @@ def step_factor(error, scheme):
     of the pair, 5, is taken as 16/3, that of the chain, 3, as 16/5: square roots are cheap.
     """
     root = sqrt(max(error, 1e-10))
-    if scheme == STABILISED:
-        return SAFETY_WIDE / root
     root = sqrt(root)
     if scheme == CHAIN:
         return SAFETY_WIDE / (root * sqrt(sqrt(root)))
@@ -542,7 +526,7 @@ def step_factor(error, scheme):
 @kernel
 def longest_step(scheme, h, fastest):
     """A step that may be a little longer than h, but for stability, s."""
-    if scheme == STABILISED or fastest == 0.0:
+    if fastest == 0.0:
         return STRETCH * h
     most = STABLE if scheme == PAIR else CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
     return min(STRETCH * h, max(h, most / fastest))
@@ -581,10 +565,7 @@ def explicit_length(
     landed = 1.0
     while True:
         allowed = margin[scheme] * allowance(buffer, scene, book, h)
-        if scheme == STABILISED:
-            stages = stages_for(h * fastest)
-            error = stabilised_step(buffer, scene, layers, h, stages, moment) / allowed
-        elif scheme == CHAIN:
+        if scheme == CHAIN:
             stages = chain_stages(h * fastest)
             error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
         else:
@@ -619,21 +600,11 @@ def explicit_length(
             if first:  # of a cohort: the next one begins with it
                 book.first_pace = fit
             error = third_order_error(buffer, h, layers) * margin[PAIR] / (allowed * MARGIN_WIDE)
-            book.wide = h * min(MOST_WIDER, step_factor(error, STABILISED))
+            book.wide = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
             counter.pair_steps += 1
-        elif scheme == CHAIN:
-            reach = CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest
-            if fit > reach:
-                # Beyond it the stabilised scheme steps, which leaves out what is of third order.
-                error = third_order_error(buffer, h, layers) * margin[CHAIN]
-                far = h * step_factor(error / (allowed * margin[STABILISED]), STABILISED)
-                fit = max(reach, min(fit, SHORTER * far))
+        else:
             book.wide = max(fit, book.wide) if cut else fit
             counter.chain_steps += 1
-        else:
-            fit *= SHORTER
-            book.wide = max(fit, book.wide) if cut else fit
-            counter.stabilised_steps += 1
         return h, scheme, landed
 
 

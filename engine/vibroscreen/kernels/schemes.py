@@ -1,9 +1,8 @@
 """Steps of a column in time (MODEL.md, "Explicit schemes", "The implicit scheme").
 
-Four schemes share the sub-models; three of them the rates of `column_rates`:
+Three schemes share the sub-models; two of them the rates of `column_rates`:
   the pair of Dormand and Prince, order 5 with an embedded 4, where accuracy asks for short steps;
   a chain of four to ten stages, order 3, where stability does;
-  a stabilised scheme of order 2 with many stages, where the fastest rate is far beyond the step;
   an implicit step that keeps masses positive whatever its length, extrapolated, beyond all that.
 All are linear in the masses they move, so every sum is kept to round-off. How long a step may be is
 the business of package.py.
@@ -11,12 +10,9 @@ the business of package.py.
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.elementary import cosh, log, sinh
 from vibroscreen.kernels.fours import all_four, apart, four, larger, largest, put_four
 from vibroscreen.kernels.language import kernel, view2
 from vibroscreen.kernels.rates import (
@@ -47,7 +43,7 @@ from vibroscreen.kernels.rates import (
 from vibroscreen.kernels.segregation import layer_mass, weighted_mass
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
-PAIR, CHAIN, STABILISED = range(3)
+PAIR, CHAIN = range(2)
 # Block of `trial`: errors of a step; between steps the column or its time integral over a part.
 OF_PART = 2
 # The explicit pair is stable up to this step times the fastest rate.
@@ -120,10 +116,6 @@ CHAIN_TABLE = np.array([
 CHAIN_STAGE, CHAIN_FIRST = CHAIN_TABLE[:, :9].copy(), CHAIN_TABLE[:, 9].copy()
 CHAIN_END, CHAIN_ERROR = CHAIN_TABLE[:, 10:13].copy(), CHAIN_TABLE[:, 13:19].copy()
 CHAIN_STABLE = CHAIN_TABLE[:, 19].copy()
-
-# The stabilised scheme: its damping and the most stages of a step.
-DAMPING = 2.0 / 13.0
-MOST_STAGES = 60
 
 
 # --- the explicit pair ---------------------------------------------------------------------------
@@ -293,85 +285,7 @@ def chain_step(buffer, scene, layers, h, stages, moment):
     return embedded_error(buffer, h, layers, kept, e1, e2, e3, e4, e5, e6)
 
 
-# --- the stabilised scheme -----------------------------------------------------------------------
-@kernel
-def chebyshev_start(buffer, one, h, size):
-    """First stage of the stabilised scheme: y + h one k1, into STAGED and K2."""
-    y, k1 = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, K1)
-    near, far = block(buffer, state.AT.stage, STAGED), block(buffer, state.AT.stage, K2)
-    for i in range(0, size, 4):
-        start = four(y, i)
-        put_four(near, i, start + h * one * four(k1, i))
-        put_four(far, i, start)
-
-
-@kernel
-def chebyshev_stage(buffer, near, far, mu, nu, rate_now, rate_first, size):
-    """Next stage, in place of the one before last: three-term recursion of Chebyshev kind."""
-    y, k1 = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, K1)
-    last, out = block(buffer, state.AT.stage, near), block(buffer, state.AT.stage, far)
-    rate = block(buffer, state.AT.stage, K3)
-    rest = 1.0 - mu - nu
-    for i in range(0, size, 4):
-        value = rest * four(y, i) + mu * four(last, i) + nu * four(out, i)
-        put_four(out, i, value + (rate_now * four(rate, i) + rate_first * four(k1, i)))
-
-
-@kernel
-def stages_for(spread):
-    """Stages of the stabilised scheme that are stable up to `spread` = h times fastest rate."""
-    return max(2, 1 + int(sqrt(1.0 + 1.54 * spread)))
-
-
-@kernel
-def stabilised_step(buffer, scene, layers, h, stages, moment):
-    """Try a step of order 2 with `stages` stages; returns its error, a part of what was fed."""
-    size = rows_followed(buffer, layers)
-    w0 = 1.0 + DAMPING / (stages * stages)
-    # T_s, T_s' and T_s'' at w0
-    root = sqrt(w0 * w0 - 1.0)
-    angle = stages * log(w0 + root)
-    w1 = (sinh(angle) * (w0 * w0 - 1.0)) / (cosh(angle) * stages * root - w0 * sinh(angle))
-    b2 = 1.0 / (4.0 * w0 * w0)
-    b_far, b_near = b2, 1.0 / w0
-    one = b_near * w1
-    chebyshev_start(buffer, one, h, size)
-    t_far, t_near, d_far, d_near, e_far, e_near = 1.0, w0, 0.0, 1.0, 0.0, 0.0
-    c_far, c_near = 0.0, one
-    near, far = STAGED, K2
-    if stages % 2 == 0:
-        swap_blocks(buffer, STAGED, K2, size)
-        near, far = K2, STAGED
-    for _ in range(2, stages + 1):
-        column_rates(
-            buffer, scene, state.AT.stage, near, layers, state.AT.stage, K3, moment + c_near * h
-        )
-        t = 2.0 * w0 * t_near - t_far
-        d = 2.0 * w0 * d_near - d_far + 2.0 * t_near
-        e = 2.0 * w0 * e_near - e_far + 4.0 * d_near
-        b = e / (d * d)
-        mu, nu = 2.0 * w0 * b / b_near, -b / b_far
-        rate_now = 2.0 * w1 * b / b_near
-        rate_first = -(1.0 - b_near * t_near) * rate_now
-        chebyshev_stage(buffer, near, far, mu, nu, h * rate_now, h * rate_first, size)
-        c = mu * c_near + nu * c_far + rate_now + rate_first
-        t_far, t_near, d_far, d_near, e_far, e_near = t_near, t, d_near, d, e_near, e
-        b_far, b_near, c_far, c_near = b_near, b, c_near, c
-        near, far = far, near
-    column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K7, moment + h)
-    return third_order_error(buffer, h, layers)
-
-
-@kernel
-def swap_blocks(buffer, one, two, size):
-    """Exchange the contents of two blocks."""
-    a, b = block(buffer, state.AT.stage, one), block(buffer, state.AT.stage, two)
-    for i in range(0, size, 4):
-        kept = four(a, i)
-        put_four(a, i, four(b, i))
-        put_four(b, i, kept)
-
-
+# --- what both schemes share ---------------------------------------------------------------------
 @kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
@@ -386,7 +300,7 @@ def third_order_error(buffer, h, layers):
 
 @kernel
 def integrate_ends(buffer, h, size):
-    """Add the time integral of a step of the chain or the stabilised scheme (Hermite)."""
+    """Add the time integral of a step of the chain (Hermite)."""
     y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
     k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
     total = block(buffer, state.AT.stage, INTEGRAL)

@@ -203,7 +203,6 @@ COUNTER = Record(
     "column_steps_forced",
     "pair_steps",
     "chain_steps",
-    "stabilised_steps",
     "landings",
     "rates",
     "sub_steps",
