@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from components.evidence import PICTURES, Section, table
 from vibroscreen.errors import InputError
-from vibroscreen.kernels.displacement import BED_CONSTANTS, BED_THROW, bed_friction
+from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, BED_THROW, bed_friction
 from vibroscreen.motion import Motion, conveying_regime
 from vibroscreen.units import DEG, MM
 

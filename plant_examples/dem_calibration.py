@@ -43,7 +43,7 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels.closure import throw_height
+from vibroscreen.kernels.physics.closure import throw_height
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import DEG, MM

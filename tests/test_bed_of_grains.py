@@ -14,7 +14,7 @@ import bed_velocity
 from vibroscreen import Screen, ScreenConfig
 from vibroscreen.config import Deck, Displacement, Material, Panel
 from vibroscreen.errors import InputError
-from vibroscreen.kernels import displacement
+from vibroscreen.kernels.physics import bed_of_grains
 from vibroscreen.motion import ConveyingRegime, Motion, conveying_regime, transport_velocity
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, GRAVITY
@@ -89,7 +89,7 @@ def test_bed_that_lands_at_once_is_the_rigid_body(
 
 def small_steps(motion: Motion, inclination: float, friction: float, rolling: float = 0.0) -> float:
     """Mean velocity in SI by explicit steps of 1/4000 period, from rest, over periods 41 to 60."""
-    softness, damping, grains, drag = displacement.BED_CONSTANTS
+    softness, damping, grains, drag = bed_of_grains.BED_CONSTANTS
     omega = 2.0 * math.pi * motion.frequency
     weight = GRAVITY * math.cos(inclination)
     pull = GRAVITY * math.sin(inclination)
@@ -212,7 +212,7 @@ def test_every_motion_has_a_bounded_answer(
     assert all(math.isfinite(value) for value in dataclasses.astuple(regime))
     assert regime.dissipation >= -1e-12
     # friction grows with the speed until it carries the slope
-    drag = displacement.BED_CONSTANTS[3]
+    drag = bed_of_grains.BED_CONSTANTS[3]
     bound = abs(math.tan(inclination)) / drag + 20.0 * amplitude * 2.0 * math.pi * frequency
     assert abs(regime.velocity) < 10.0 * (bound + 1.0)
 
@@ -222,7 +222,7 @@ def test_every_motion_has_a_bounded_answer(
 
 def test_cases_that_it_was_fitted_to_and_each_left_out() -> None:
     frame, fitted = bed_velocity.compare()
-    assert fitted == pytest.approx(displacement.BED_CONSTANTS, rel=0.01)
+    assert fitted == pytest.approx(bed_of_grains.BED_CONSTANTS, rel=0.01)
     linear = frame.motion == "linear"
     assert len(frame) == 10
     assert linear.sum() == 6

@@ -12,9 +12,19 @@ from tests.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
-from vibroscreen.kernels import package, rates, schemes, state
+from vibroscreen.kernels import state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
+from vibroscreen.kernels.numerics import (
+    chain,
+    column,
+    explicit,
+    implicit,
+    layers,
+    pair,
+    rates,
+    step_control,
+)
 from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0
@@ -29,13 +39,13 @@ def march_explicit(buffer, layers, h, steps, scheme):
     scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
         rates.column_rates(
-            buffer, scene_, state.AT.stage, rates.NOW, layers, state.AT.stage, rates.K1, 0.0
+            buffer, scene_, state.AT.stage, column.NOW, layers, state.AT.stage, column.K1, 0.0
         )
-        if scheme == schemes.PAIR:
-            schemes.pair_step(buffer, scene_, layers, h, 0.0)
+        if scheme == explicit.PAIR:
+            pair.pair_step(buffer, scene_, layers, h, 0.0)
         else:
-            schemes.chain_step(buffer, scene_, layers, h, scheme, 0.0)
-        schemes.take_explicit(buffer, layers, False)
+            chain.chain_step(buffer, scene_, layers, h, scheme, 0.0)
+        explicit.take_explicit(buffer, layers, False)
 
 
 @compiled
@@ -44,14 +54,14 @@ def march_implicit(buffer, layers, h, steps):
     scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
         for k in range(3):
-            schemes.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
-            schemes.extrapolate(buffer, k, layers)
-        schemes.take_implicit(buffer, scene_, layers, h)
+            implicit.run_trial(buffer, scene_, k, layers, layers, h, 0.0)
+            implicit.extrapolate(buffer, k, layers)
+        implicit.take_implicit(buffer, scene_, layers, h)
 
 
-STAGES = range(schemes.CHAIN_LEAST, schemes.CHAIN_MOST + 1)
+STAGES = range(chain.CHAIN_LEAST, chain.CHAIN_MOST + 1)
 SCHEMES = {
-    "pair": (schemes.PAIR, 5, (1, 2, 4, 8)),
+    "pair": (explicit.PAIR, 5, (1, 2, 4, 8)),
     **{f"chain of {s}": (s, 3, (2, 4, 8, 16)) for s in STAGES},
     "implicit": (None, 3, (4, 8, 16, 32)),
 }
@@ -79,13 +89,13 @@ def test_order_of_a_scheme_in_time(name: str) -> None:
     for steps in numbers:
         load[:] = first
         layout.view(buffer, "column_flux")[:] = 0.0
-        rates.gather(buffer, scene_, load, reference, 1)
-        rates.layers_for(buffer, scene_, first.sum())
+        column.gather(buffer, scene_, load, reference, 1)
+        layers.layers_for(buffer, scene_, first.sum())
         if scheme is None:
             march_implicit(buffer, 1, TIME / steps, steps)
         else:
             march_explicit(buffer, 1, TIME / steps, steps, scheme)
-        rates.scatter(buffer, load, 1, 1, TIME)
+        column.scatter(buffer, load, 1, 1, TIME)
         errors.append(float(np.abs(load[0] - left).max() / AREAL_MASS))
     assert errors[-1] > 1e-14  # still above round-off
     assert slope(numbers, errors) == pytest.approx(order, abs=0.4), errors
@@ -101,14 +111,14 @@ def decayed(a: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 def butcher(stages: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The chain as a Runge-Kutta scheme with the next step's first stage: a, b, and the error's b."""
-    row = stages - schemes.CHAIN_LEAST
+    row = stages - chain.CHAIN_LEAST
     a, b, error = np.zeros((stages + 1, stages + 1)), np.zeros(stages + 1), np.zeros(stages + 1)
-    a[range(1, stages), range(stages - 1)] = schemes.CHAIN_STAGE[row, : stages - 1]
-    a[stages - 1, 0] += schemes.CHAIN_FIRST[row]
-    b[stages - 3 : stages] = schemes.CHAIN_END[row]
+    a[range(1, stages), range(stages - 1)] = chain.CHAIN_STAGE[row, : stages - 1]
+    a[stages - 1, 0] += chain.CHAIN_FIRST[row]
+    b[stages - 3 : stages] = chain.CHAIN_END[row]
     a[stages] = b
     places = [0, *range(stages - 4, stages + 1)]
-    np.add.at(error, places, schemes.CHAIN_ERROR[row])
+    np.add.at(error, places, chain.CHAIN_ERROR[row])
     return a, b, error
 
 
@@ -128,7 +138,7 @@ def test_conditions_of_the_chain(stages: int) -> None:
         np.testing.assert_allclose(found, order, atol=2e-15)
     assert error @ a @ a @ c == pytest.approx(b @ a @ a @ c - 1 / 24, rel=1e-12)
 
-    reach = schemes.CHAIN_STABLE[stages - schemes.CHAIN_LEAST]
+    reach = chain.CHAIN_STABLE[stages - chain.CHAIN_LEAST]
     z = reach * np.linspace(0.0, 1.0, 20001)
     stage = decayed(a, z)
     assert np.abs(stage).max() <= 1.0 + 1e-12
@@ -148,14 +158,14 @@ def test_conditions_of_the_chain(stages: int) -> None:
 
 def test_estimate_of_the_pair() -> None:
     """On y' = -y what order 5 leaves out is at most HIGHER z of the estimate, wherever it is stable."""
-    a, b = np.zeros((7, 7)), schemes.A[5]
-    a[1:, :6] = schemes.A
-    z = np.linspace(0.05, schemes.STABLE, 500)
+    a, b = np.zeros((7, 7)), pair.A[5]
+    a[1:, :6] = pair.A
+    z = np.linspace(0.05, explicit.STABLE, 500)
     stage = decayed(a, z)
-    estimate = np.abs(z * ((np.append(b, 0.0) - schemes.B_LOW) @ stage))
+    estimate = np.abs(z * ((np.append(b, 0.0) - pair.B_LOW) @ stage))
     missed = np.abs(stage[6] - np.exp(-z))
-    assert (missed <= package.HIGHER * z * estimate).all()
-    assert (missed >= 0.7 * package.HIGHER * z * estimate).all()
+    assert (missed <= step_control.HIGHER * z * estimate).all()
+    assert (missed >= 0.7 * step_control.HIGHER * z * estimate).all()
 
 
 def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> None:

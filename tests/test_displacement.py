@@ -25,7 +25,8 @@ from hypothesis import strategies as st
 import vibroscreen
 from vibroscreen import units
 from vibroscreen.errors import InputError
-from vibroscreen.kernels import displacement
+from vibroscreen.kernels.physics import prescribed, rigid_body
+from vibroscreen.kernels.physics.motion import EDGE, EDGES, GRAVITY, WORK_SIZE
 from vibroscreen.motion import (
     ConveyingRegime,
     Harmonic,
@@ -65,7 +66,7 @@ def reference_cases() -> list[dict[str, str]]:
 
 def solved(kernel: Callable[..., None], motion: Motion, drive: list[float]) -> np.ndarray:
     result = np.full(7, np.nan)
-    work = np.full(displacement.WORK_SIZE, np.nan)
+    work = np.full(WORK_SIZE, np.nan)
     values = np.array([motion.frequency, *drive, 0.0])
     kernel(motion.on_panel(), values, result, work)
     return result
@@ -104,7 +105,7 @@ def test_circular_motion_is_named_by_the_sense_at_the_top_of_the_orbit() -> None
 
 
 def test_gravity_is_the_same_in_kernels_and_units() -> None:
-    assert displacement.GRAVITY == units.GRAVITY
+    assert GRAVITY == units.GRAVITY
 
 
 # --- exact solutions -----------------------------------------------------------------------------
@@ -131,11 +132,11 @@ def test_flight_fraction_follows_from_the_throw_number(fraction: float, friction
 def test_take_off_phase(throw: float) -> None:
     motion = of_throw_number(throw)
     result = np.zeros(7)
-    work = np.zeros(displacement.WORK_SIZE)
+    work = np.zeros(WORK_SIZE)
     drive = np.array([motion.frequency, 0.0, 0.5, 0.0])
-    displacement.rigid_body(motion.on_panel(), drive, result, work)
-    count = int(work[displacement.EDGES])
-    phases = work[displacement.EDGE :][: 8 * count : 8]
+    rigid_body.rigid_body(motion.on_panel(), drive, result, work)
+    count = int(work[EDGES])
+    phases = work[EDGE:][: 8 * count : 8]
     assert np.all(np.diff(phases) >= 0.0)
     take_off = math.asin(1.0 / throw)
     # sin is flat at the top: a rounding error there moves the phase by its square root
@@ -155,7 +156,7 @@ def test_velocity_at_infinite_friction(
     )
     fall = units.GRAVITY * fraction**2 / (2.0 * motion.frequency)
     exact = fall * (math.cos(inclination) / math.tan(throw_angle) + math.sin(inclination))
-    regime = solved(displacement.rigid_body, motion, [inclination, 1e7, 0.0])
+    regime = solved(rigid_body.rigid_body, motion, [inclination, 1e7, 0.0])
     assert regime[0] == pytest.approx(exact, rel=1e-5)
 
 
@@ -451,7 +452,7 @@ def test_fundamental_given_as_a_harmonic(
 def test_small_harmonic_changes_little_and_reads_the_same_at_any_order() -> None:
     motion = of_throw_number(2.0)
     expected = transport_velocity(motion, 0.05, 0.5)
-    for order in range(1, displacement.MAX_ORDER + 1):
+    for order in range(1, motion.MAX_ORDER + 1):
         extra = Motion(15.0, motion.amplitude, 0.7, 0.0, (Harmonic(order, 1e-10, 0.3, 1e-10, 1.0),))
         assert transport_velocity(extra, 0.05, 0.5) == pytest.approx(expected, rel=1e-4)
 
@@ -476,7 +477,7 @@ def test_motion_over_a_steeper_panel_is_the_same_motion_turned(
 harmonics = st.lists(
     st.builds(
         Harmonic,
-        st.integers(1, displacement.MAX_ORDER),
+        st.integers(1, motion.MAX_ORDER),
         st.floats(-0.05, 0.05),
         st.floats(-6.0, 6.0),
         st.floats(-0.05, 0.05),
@@ -524,16 +525,16 @@ def test_irregular_regime_reports_its_spread_and_repeats() -> None:
 
 def test_status_of_the_kernel() -> None:
     motion = Motion.linear(0.004, 16.0, 0.785)
-    assert solved(displacement.rigid_body, motion, [0.0, 0.5, 0.0])[6] == 0.0
+    assert solved(rigid_body.rigid_body, motion, [0.0, 0.5, 0.0])[6] == 0.0
     for inclination in (0.5, -0.5, 2.0):
-        steep = solved(displacement.rigid_body, motion, [inclination, 0.5, 0.0])
+        steep = solved(rigid_body.rigid_body, motion, [inclination, 0.5, 0.0])
         assert steep[0] == 0.0
         assert steep[6] == (1.0 if abs(inclination) < 1.5 else 0.0)
-    uphill = solved(displacement.rigid_body, Motion.linear(0.004, 16.0, 2.3), [0.0, 0.5, 0.0])
+    uphill = solved(rigid_body.rigid_body, Motion.linear(0.004, 16.0, 2.3), [0.0, 0.5, 0.0])
     assert uphill[0] < 0.0
     assert uphill[6] == 2.0
     upright = solved(
-        displacement.rigid_body, Motion.linear(0.004, 14.0, 0.5 * math.pi), [0.0, 0.5, 0.0]
+        rigid_body.rigid_body, Motion.linear(0.004, 14.0, 0.5 * math.pi), [0.0, 0.5, 0.0]
     )
     assert upright[0] == pytest.approx(0.0, abs=1e-12)
     assert upright[6] == 0.0
@@ -541,18 +542,18 @@ def test_status_of_the_kernel() -> None:
 
 def test_prescribed_velocity_keeps_the_dissipation_of_the_rigid_body() -> None:
     motion = Motion.linear(0.004, 16.0, 0.785)
-    body = solved(displacement.rigid_body, motion, [0.05, 0.5, 0.3])
-    given_velocity = solved(displacement.prescribed, motion, [0.05, 0.5, 0.3])
+    body = solved(rigid_body.rigid_body, motion, [0.05, 0.5, 0.3])
+    given_velocity = solved(prescribed.prescribed, motion, [0.05, 0.5, 0.3])
     assert given_velocity[0] == 0.3
     assert given_velocity[1] == given_velocity[6] == 0.0
     assert np.array_equal(given_velocity[2:6], body[2:6])
-    steep = solved(displacement.prescribed, motion, [0.6, 0.5, 0.3])
+    steep = solved(prescribed.prescribed, motion, [0.6, 0.5, 0.3])
     assert steep[0] == 0.3
     assert steep[4] == steep[6] == 0.0
     assert steep[5] > 0.0
-    still = solved(displacement.prescribed, Motion.linear(0.0, 16.0, 0.7), [0.6, 0.5, 0.3])
+    still = solved(prescribed.prescribed, Motion.linear(0.0, 16.0, 0.7), [0.6, 0.5, 0.3])
     assert np.array_equal(still, np.zeros(7))
-    along = solved(displacement.prescribed, Motion.linear(0.004, 16.0, 0.0), [0.0, 0.5, 0.3])
+    along = solved(prescribed.prescribed, Motion.linear(0.004, 16.0, 0.0), [0.0, 0.5, 0.3])
     assert along[0] == 0.3
     assert along[5] == 0.0
 

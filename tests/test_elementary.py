@@ -9,7 +9,7 @@ from decimal import Decimal, getcontext, localcontext
 import numpy as np
 import pytest
 
-from vibroscreen.kernels import elementary
+from vibroscreen.kernels.numerics import elementary
 
 DIGITS = 60
 ONE = Decimal(1)

@@ -15,9 +15,10 @@ from hypothesis.extra.numpy import arrays
 from numba.core.errors import TypingError
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.kernels import rates, state
+from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.fours import (
+from vibroscreen.kernels.numerics import column
+from vibroscreen.kernels.numerics.fours import (
     all_four,
     apart,
     four,
@@ -130,7 +131,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     run(buffer, START_SLICE, 0.0, 0.0)
     load, scene = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     layers = int(np.count_nonzero(load.sum(axis=1)))
-    rates.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
+    column.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
     active, place = int(buffer[state.DIMENSION.index("active")]), layout.view(buffer, "place")
     taking_part = int(place.max()) + 1
     assert active == in_fours(taking_part)
@@ -140,7 +141,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     assert (size[taking_part:] == size[taking_part - 1]).all()
     assert (weight[:taking_part] > 0.0).all()
     assert (weight[taking_part:] == 0.0).all()
-    now = layout.view(buffer, "stage")[rates.NOW, : (layers + 1) * active]
+    now = layout.view(buffer, "stage")[column.NOW, : (layers + 1) * active]
     held = now.reshape(layers + 1, active)[1:]
     assert (held[:, taking_part:] == 0.0).all()
     assert held.sum() == pytest.approx(load.sum(), rel=1e-14)

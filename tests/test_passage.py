@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from vibroscreen import InputError, gaudin_probability, pelevin_probability
 from vibroscreen.kernels import state
 from vibroscreen.kernels.language import Row
-from vibroscreen.kernels.passage import passage_probability
+from vibroscreen.kernels.physics.passage import passage_probability
 
 
 def gaudin_by_hand(size: float, aperture: float, open_area: float) -> float:

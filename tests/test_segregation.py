@@ -21,7 +21,10 @@ from vibroscreen.config import (
     Solver,
 )
 from vibroscreen.kernels import state
-from vibroscreen.kernels.segregation import classified, exchange, proportional, well_mixed
+from vibroscreen.kernels.physics.classified import classified
+from vibroscreen.kernels.physics.exchange import exchange
+from vibroscreen.kernels.physics.proportional import proportional
+from vibroscreen.kernels.physics.well_mixed import well_mixed
 from vibroscreen.size_classes import SizeClasses
 
 # DESIGN.md, "Exact solutions", item 5: dr/R, r/R, phi. For dr/R = .05 it prints .07425, from an r

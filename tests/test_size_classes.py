@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels.classes import (
+from vibroscreen.kernels.bed.classes import (
     MOST_NODES,
     cumulative_slopes,
     merge_classes,
@@ -22,7 +22,7 @@ from vibroscreen.kernels.classes import (
     piece_nodes,
     split_classes,
 )
-from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
+from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
 from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.units import MM
 

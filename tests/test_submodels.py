@@ -11,7 +11,7 @@ from numba import njit
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Displacement, Passage, Segregation
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.segregation import gap_open_area, gap_radius
+from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
 
 DEFAULT = ScreenConfig.default()
 PRESCRIBED = Displacement("prescribed", 0.3)

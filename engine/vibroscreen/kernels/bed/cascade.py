@@ -7,27 +7,31 @@ what is below. A deck below moves in parts of a piece, under what fell from the 
 from __future__ import annotations
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.deck import (
-    advance_queue,
-    advance_top,
-    extend_tail,
-    grow_cohort,
-    package_span,
-    queue_rear,
-    queue_slot,
-    start_cohort,
-    stream_of_covered_deck,
-    time_to_cover,
-)
-from vibroscreen.kernels.landing import (
+from vibroscreen.kernels.bed.deck import advance_top, extend_tail
+from vibroscreen.kernels.bed.falls import (
     clear_falls,
     clear_landing,
     fell_steadily,
     lay_cohort,
     lay_records,
 )
+from vibroscreen.kernels.bed.front import (
+    grow_cohort,
+    start_cohort,
+    stream_of_covered_deck,
+    time_to_cover,
+)
+from vibroscreen.kernels.bed.package import package_span, queue_slot
+from vibroscreen.kernels.bed.place import (
+    cell_count,
+    conveys,
+    deck_length,
+    place_after,
+    residence_time,
+)
+from vibroscreen.kernels.bed.queue import advance_queue
+from vibroscreen.kernels.bed.ride import queue_rear
 from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.place import cell_count, conveys, deck_length, place_after, residence_time
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16

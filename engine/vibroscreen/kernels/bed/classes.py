@@ -31,15 +31,10 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.elementary import cos, exp, raised
 from vibroscreen.kernels.language import entry, kernel, record
-from vibroscreen.kernels.segregation import (
-    CLASSIFIED,
-    EXCHANGE,
-    PROPORTIONAL,
-    WELL_MIXED,
-    gap_of,
-)
+from vibroscreen.kernels.numerics.elementary import cos, exp, raised
+from vibroscreen.kernels.physics.packing import gap_of
+from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
 
 MOST_NODES = 24  # on a piece, where the engine chooses
 # Part of the tolerance that the nodes may use: half their error costs a node or two a class, half
@@ -58,7 +53,6 @@ THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
 #     sorted       0.1 (w/n)^2 the median, 1 (w/n)^2 the worst
 GAP_KINK, CLOSED_KINK, LEAST_KINK_VELOCITY = 50.0, 20.0, 0.1
 SORTED_KINK = 0.1
-
 _PI = 3.141592653589793
 
 

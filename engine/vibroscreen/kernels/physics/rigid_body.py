@@ -1,73 +1,36 @@
-"""Mean velocity of a bed on a vibrating inclined deck: a rigid body (Blekhman), or grains.
-
-Phase p = w t, unit of acceleration g cos(alpha), of velocity g cos(alpha)/w, of length
-g cos(alpha)/w2. Everything the body can do then has the form
-
-    acceleration = constant + along * xi''(p) + normal * eta''(p)
-
-with one row of LAW for each:
-    0  contact force              n = 1 + eta''
-    1  slip forward             s'' = tan(alpha) - xi'' - mu n
-    2  slip back                s'' = tan(alpha) - xi'' + mu n
-    3  flight, along the deck   s'' = tan(alpha) - xi''
-    4  flight, off the deck     z'' = -1 - eta''
-The roots of rows 0 to 2 cut the period into segments in which none of the three changes its sign.
-So stick and take-off need no search at all, the slip velocity is monotone within a segment and the
-height of a flight convex or concave: each event is bracketed exactly, tangential ones too, and a
-period takes a bounded number of steps. Landing is a plastic impact whose tangential impulse is
-limited by friction. To begin with the body rests on the deck at phase 0.
-
-The bed of grains lands softly and resists by speed. Nothing jumps there, so it is followed in equal
-steps of backward Euler, first off the deck, then along it.
-"""
+"""Mean velocity of a rigid body on a vibrating rough plane (Blekhman; MODEL.md, "Displacement")."""
 
 from __future__ import annotations
 
 import math
 
-from vibroscreen.kernels.elementary import cos, sin, sine_cosine, tan
 from vibroscreen.kernels.language import entry, kernel, view1, view2
-
-GRAVITY = 9.81
-ROWS = 5
-MAX_ORDER = 8
-MAX_EDGES = 6 * MAX_ORDER + 2
+from vibroscreen.kernels.numerics.elementary import cos, tan
+from vibroscreen.kernels.physics.motion import (
+    BODY,
+    EDGE,
+    EDGES,
+    FORM,
+    GRAVITY,
+    LAW,
+    MAX_EDGES,
+    NODE,
+    ORDER,
+    PAST,
+    PLACE,
+    ROWS,
+    WAVE,
+    _wave_at,
+)
 
 NODES_FUNDAMENTAL = 16
 NODES_PER_ORDER = 64  # brackets a wiggle of 1e-4 of the amplitude between two nodes
-
 PERIODS_ACCELERATED = 32  # the Poincare map is extrapolated to its fixed point
 PERIODS_PLAIN = 48  # it is left alone: regimes of up to LONGEST_REGIME periods are found
 LONGEST_REGIME = 16
 BLOCKS = 16  # an irregular regime is the mean of BLOCKS times BLOCK_PERIODS periods
 BLOCK_PERIODS = 8
 SAME_STATE = 1e-12
-
-# offsets in the work array
-WAVE = 0  # [ROWS, 5] order, along cos, along sin, normal cos, normal sin
-LAW = WAVE + 5 * ROWS  # [5, 3] constant, along, normal
-FORM = LAW + 15  # constant, linear, quadratic, along, normal, phase of origin
-EDGE = FORM + 6  # [MAX_EDGES, 8] phase, xi, xi', eta, eta', signs of the laws 0 to 2
-BODY = EDGE + 8 * MAX_EDGES
-PLACE = BODY + 15  # phase, xi, xi', eta, eta'
-NODE = PLACE + 5  # [2, 5] phase, xi'', eta'', xi''', eta'''
-PAST = NODE + 10  # [3, 4] state two periods ago, one period ago, reference
-ORDER = PAST + 12  # highest order
-EDGES = ORDER + 1  # number of edges in use
-CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
-ROLLS = CONSTANT + 4  # share of the grip that rolling takes, drive[4]
-WORK_SIZE = CONSTANT + 5
-
-# the bed needs no edges: their place holds what it needs
-SWING_STEPS = 200
-SWING = EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
-SETTLING_PERIODS = 64
-BED_THROW = 4.5  # throw number up to which the bed was checked
-
-# softness of landing [1], damping [1], friction of shaken grains [1], drag [s/m]: first and third
-# fitted to particle simulations (plant_examples/bed_velocity.py), the others round
-BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
-
 # entries of BODY; the first five are a place
 SLIP = 5
 HEIGHT = 6
@@ -79,7 +42,6 @@ FLIGHTS = 11
 LOSS = 12
 MEASURED = 13
 LEAST = 14  # least slip velocity within the period, 0 if it sticks or turns
-
 GAUSS_POINT = (
     -0.9324695142031521,
     -0.6612093864662645,
@@ -96,69 +58,6 @@ GAUSS_WEIGHT = (
     0.3607615730481386,
     0.1713244923791704,
 )
-
-
-@entry("void(vector, matrix, float64, matrix)")
-def compose_motion(motion, extra, rotation, harmonic):
-    """Motion of the deck along and normal to a panel [m] as harmonics.
-
-    motion[4] = frequency, amplitude, throw angle, ellipticity of the first panel; extra[k, 5] =
-    order, along, along phase, normal, normal phase; rotation = inclination of the panel minus that
-    of the first one [rad], so that the throw angle b becomes b + rotation. Written to
-    harmonic[5, 5]: order, then the factors of cos and sin along and of cos and sin normal.
-    """
-    amplitude = motion[1]
-    throw_angle = motion[2] + rotation
-    harmonic[0, 0] = 1.0
-    harmonic[0, 1] = -amplitude * motion[3] * sin(throw_angle)
-    harmonic[0, 2] = amplitude * cos(throw_angle)
-    harmonic[0, 3] = amplitude * motion[3] * cos(throw_angle)
-    harmonic[0, 4] = amplitude * sin(throw_angle)
-    turn_cos = cos(rotation)
-    turn_sin = sin(rotation)
-    for k in range(ROWS - 1):
-        along_cos = extra[k, 1] * cos(extra[k, 2])
-        along_sin = -extra[k, 1] * sin(extra[k, 2])
-        normal_cos = extra[k, 3] * cos(extra[k, 4])
-        normal_sin = -extra[k, 3] * sin(extra[k, 4])
-        harmonic[k + 1, 0] = extra[k, 0]
-        harmonic[k + 1, 1] = along_cos * turn_cos - normal_cos * turn_sin
-        harmonic[k + 1, 2] = along_sin * turn_cos - normal_sin * turn_sin
-        harmonic[k + 1, 3] = along_cos * turn_sin + normal_cos * turn_cos
-        harmonic[k + 1, 4] = along_sin * turn_sin + normal_sin * turn_cos
-
-
-@kernel
-def _wave_at(wave, phase, derivative):
-    """Derivative of order `derivative` of xi and eta, then the next one of both."""
-    along = 0.0
-    normal = 0.0
-    along_rate = 0.0
-    normal_rate = 0.0
-    first_sine, first_cosine = sine_cosine(phase)
-    for k in range(ROWS):
-        order = wave[k, 0]
-        if order == 0.0:
-            break
-        cosine = first_cosine
-        sine = first_sine
-        for _ in range(int(order) - 1):
-            turned = cosine * first_cosine - sine * first_sine
-            sine = sine * first_cosine + cosine * first_sine
-            cosine = turned
-        if derivative & 1:
-            cosine, sine = -sine, cosine
-        factor = 1.0
-        for _ in range(derivative):
-            factor *= order
-        if derivative & 2:
-            factor = -factor
-        along += factor * (wave[k, 1] * cosine + wave[k, 2] * sine)
-        normal += factor * (wave[k, 3] * cosine + wave[k, 4] * sine)
-        factor *= order
-        along_rate += factor * (wave[k, 2] * cosine - wave[k, 1] * sine)
-        normal_rate += factor * (wave[k, 4] * cosine - wave[k, 3] * sine)
-    return along, normal, along_rate, normal_rate
 
 
 @kernel
@@ -714,201 +613,3 @@ def rigid_body(harmonic, drive, result, work):
     periods = regime if regime > 0 else _block_periods(throw)
     deviation = _measure(work, blocks, periods)
     _write_result(blocks * periods, deviation / periods, weight, weight / speed, result, work)
-
-
-# --- bed of grains -----------------------------------------------------------------------------
-@kernel
-def _set_swing(work):
-    """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
-    wave = view2(work, WAVE, ROWS, 5)
-    swing = view2(work, SWING, SWING_STEPS, 2)
-    along, normal, _, _ = _wave_at(wave, 0.0, 1)
-    for k in range(SWING_STEPS):
-        next_along, next_normal, _, _ = _wave_at(wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1)
-        swing[k, 0] = next_along - along
-        swing[k, 1] = next_normal - normal
-        along, normal = next_along, next_normal
-
-
-@kernel
-def _press(height, rise, gain, landing, damping):
-    """Contact force on the bed in a step of backward Euler, then its height and rise after it.
-
-    The bed pushes with spring and damper of the landing time and cannot pull; `gain` is what the
-    deck gains in normal velocity.
-    """
-    step = 2.0 * math.pi / SWING_STEPS
-    free = rise - step - gain
-    force = 0.0
-    if height + step * min(rise, 0.0) < 0.0:
-        resistance = (2.0 * damping + step / landing) / landing
-        spring = height / (landing * landing)
-        slowed = (free - step * spring) / (1.0 + step * resistance)
-        force = max(0.0, -resistance * slowed - spring)
-    rise = free + step * force
-    return force, height + step * rise, rise
-
-
-@kernel
-def bed_friction(friction, grains):
-    """Friction of a bed that slips at its base and shears inside, at rest [1]."""
-    return friction * grains / math.sqrt(friction * friction + grains * grains)
-
-
-@kernel
-def _drag(velocity, force, rate, grip, drag):
-    """Deceleration of a bed that would slip with `velocity`, and its derivative.
-
-    Two resistances, the lesser counts: the bed needs the landing time to take the velocity of the
-    deck, and friction is limited.
-    """
-    step = 2.0 * math.pi / SWING_STEPS
-    speed = abs(velocity)
-    if force <= 0.0 or speed == 0.0:
-        return 0.0, 0.0
-    soft_rate = rate / (1.0 + step * rate)
-    soft = soft_rate * speed
-    limit = force * (grip + drag * speed)
-    both = math.sqrt(soft * soft + limit * limit)
-    weak = limit / both
-    strong = soft / both
-    slope = soft_rate * weak * weak * weak + force * drag * strong * strong * strong
-    value = min(soft * weak, speed / step)
-    return (value if velocity > 0.0 else -value), min(slope, 1.0 / step)
-
-
-@kernel
-def _ride(work, periods, share, slope, landing, grip, drag):
-    """Follow the bed through so many periods from its state at phase 0 on.
-
-    `share` of the contact force counts for friction.
-    Returns the derivative of the slip velocity at the end in that at the start; travel, time in the
-    air, flights and loss are those of these periods.
-    """
-    body = view1(work, BODY, 15)
-    damping = work[CONSTANT + 1]
-    rate = (1.0 - work[ROLLS]) * damping / landing
-    step = 2.0 * math.pi / SWING_STEPS
-    for k in range(TRAVEL, MEASURED):
-        body[k] = 0.0
-    height, rise, slip = body[HEIGHT], body[RISE], body[SLIP]
-    memory = 1.0
-    for k in range(periods * SWING_STEPS):
-        gain = view1(work, SWING + 2 * (k % SWING_STEPS), 2)
-        flies, fast, fell = body[FLYING], slip, rise
-        force, height, rise = _press(height, rise, gain[1], landing, damping)
-        body[FLYING] = 1.0 if force == 0.0 else 0.0
-        body[AIRBORNE] += step * body[FLYING]
-        body[FLIGHTS] += 1.0 if body[FLYING] > flies else 0.0
-        free = slip + step * slope - gain[0]
-        drop, change = _drag(free, share * force, rate, grip, drag)
-        slip = free - step * drop
-        memory *= 1.0 - step * change
-        body[TRAVEL] += step * slip
-        # with mean velocities of a step the deck's work is exactly what is lost less gravity's
-        body[LOSS] += 0.5 * step * (drop * (slip + fast) - force * (rise + fell))
-    body[HEIGHT], body[RISE], body[SLIP] = height, rise, slip
-    return memory
-
-
-@kernel
-def _settle_landing(work, landing, longer):
-    """Follow the bed off the deck until its state repeats; the number of periods to measure.
-
-    1, or `longer` where landings do not repeat every period.
-    """
-    body = view1(work, BODY, 15)
-    swing = view2(work, SWING, SWING_STEPS, 2)
-    damping = work[CONSTANT + 1]
-    for _ in range(SETTLING_PERIODS):
-        height, rise = body[HEIGHT], body[RISE]
-        for k in range(SWING_STEPS):
-            force, height, rise = _press(height, rise, swing[k, 1], landing, damping)
-        moved = abs(height - body[HEIGHT]) + abs(rise - body[RISE])
-        body[HEIGHT], body[RISE] = height, rise
-        body[FLYING] = 1.0 if force == 0.0 else 0.0
-        if moved < 1e-9:
-            return 1
-    return longer
-
-
-@kernel
-def _settle_slip(work, periods, slope, landing, grip, drag):
-    """Find the slip velocity that repeats after so many periods, and leave the bed after them.
-
-    What the periods make of a slip velocity grows with it, but by less: there is one that repeats,
-    and Newton's method kept between the bounds that are known finds it.
-    """
-    body = view1(work, BODY, 15)
-    height, rise, flies = body[HEIGHT], body[RISE], body[FLYING]
-    # landings that do not repeat leave some rise: without it the deck has carried the weight
-    _ride(work, periods, 1.0, slope, landing, grip, drag)
-    carried = 1.0 + (body[RISE] - rise) / (2.0 * math.pi * periods)
-    share = 1.0 / max(carried, 0.1)
-    low, high = -math.inf, math.inf
-    slip = 0.0
-    for _ in range(40):
-        body[HEIGHT], body[RISE], body[FLYING], body[SLIP] = height, rise, flies, slip
-        memory = _ride(work, periods, share, slope, landing, grip, drag)
-        change = body[SLIP] - slip
-        if memory == 1.0:
-            break  # never on the deck
-        if change > 0.0:
-            low = slip
-        else:
-            high = slip
-        following = slip + change / (1.0 - memory)
-        if not low <= following <= high:
-            following = 0.5 * (low + high)
-        if abs(following - slip) < 1e-9 * (1.0 + abs(slip)):
-            break
-        slip = following
-
-
-@entry("void(matrix, vector, vector, vector)")
-def solve_bed(harmonic, drive, result, work):
-    """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
-    if not _set_motion(harmonic, drive, result, work):
-        return
-    throw = result[5]
-    weight = GRAVITY * cos(drive[1])
-    velocity_unit = weight / (2.0 * math.pi * drive[0])
-    slope = tan(drive[1])
-    landing = work[CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
-    grip = bed_friction(drive[2], work[CONSTANT + 2])
-    drag = work[CONSTANT + 3] * velocity_unit
-    work[ROLLS] = drive[4]
-    _set_swing(work)
-    for k in range(15):
-        work[BODY + k] = 0.0
-    periods = _settle_landing(work, landing, _block_periods(throw))
-    _settle_slip(work, periods, slope, landing, grip, drag)
-    _write_result(periods, 0.0, weight, velocity_unit, result, work)
-    if result[6] == 0.0 and (slope > grip or throw > BED_THROW):
-        result[6] = 3.0
-
-
-@kernel
-def bed_of_grains(harmonic, drive, result, work):
-    """Mean velocity of a bed of grains along the deck [m/s]: it lands softly and resists by speed.
-
-    Arguments as in rigid_body; spread is 0, dissipation that of landing and slip. Status 2: the
-    mean velocity is negative; 3: outside of what the constants were checked for, steeper than the
-    friction of the bed or above throw number BED_THROW.
-    """
-    for k in range(4):
-        work[CONSTANT + k] = BED_CONSTANTS[k]
-    solve_bed(harmonic, drive, result, work)
-
-
-@kernel
-def prescribed(harmonic, drive, result, work):
-    """Velocity of the bed as given [m/s]: drive[3]; at rest while the deck does not vibrate.
-
-    Arguments as in rigid_body. Flights, throw number and dissipation are those of the rigid body,
-    0 where it has no regime; spread and status are 0.
-    """
-    rigid_body(harmonic, drive, result, work)
-    result[0] = drive[3] if work[ORDER] > 0.0 else 0.0
-    result[1] = 0.0
-    result[6] = 0.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
-from vibroscreen.kernels.displacement import GRAVITY
 from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.physics.motion import GRAVITY
 
 # Places in the field `closure`; 1 there: the velocity follows from the vibration.
 OF_PASSAGE, OF_SEGREGATION = 0, 1
