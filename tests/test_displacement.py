@@ -26,7 +26,7 @@ import vibroscreen
 from vibroscreen import units
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.physics import prescribed, rigid_body
-from vibroscreen.kernels.physics.motion import EDGE, EDGES, GRAVITY, WORK_SIZE
+from vibroscreen.kernels.physics.motion import EDGE, EDGES, GRAVITY, MAX_ORDER, WORK_SIZE
 from vibroscreen.motion import (
     ConveyingRegime,
     Harmonic,
@@ -452,7 +452,7 @@ def test_fundamental_given_as_a_harmonic(
 def test_small_harmonic_changes_little_and_reads_the_same_at_any_order() -> None:
     motion = of_throw_number(2.0)
     expected = transport_velocity(motion, 0.05, 0.5)
-    for order in range(1, motion.MAX_ORDER + 1):
+    for order in range(1, MAX_ORDER + 1):
         extra = Motion(15.0, motion.amplitude, 0.7, 0.0, (Harmonic(order, 1e-10, 0.3, 1e-10, 1.0),))
         assert transport_velocity(extra, 0.05, 0.5) == pytest.approx(expected, rel=1e-4)
 
@@ -477,7 +477,7 @@ def test_motion_over_a_steeper_panel_is_the_same_motion_turned(
 harmonics = st.lists(
     st.builds(
         Harmonic,
-        st.integers(1, motion.MAX_ORDER),
+        st.integers(1, MAX_ORDER),
         st.floats(-0.05, 0.05),
         st.floats(-6.0, 6.0),
         st.floats(-0.05, 0.05),
