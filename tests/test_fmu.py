@@ -664,7 +664,7 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
         lower.step(duration)
         plain.advance(duration)
         found = dict(zip(names, lower.get(names), strict=True))
-        result, output = plain.result(), plain.view("output")
+        result, output = plain.result(), plain.record("output")
         expected = {
             "undersize.mass_flow_rate": result.undersize.mass_flow_rate,
             "oversize.mass_flow_rate": result.oversize.mass_flow_rate,

@@ -21,6 +21,7 @@ from vibroscreen.config import (
     Solver,
 )
 from vibroscreen.kernels import state
+from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.physics.classified import classified
 from vibroscreen.kernels.physics.exchange import exchange
 from vibroscreen.kernels.physics.proportional import proportional
@@ -52,10 +53,10 @@ def test_packing_limits() -> None:
         packing_gap(0.001, -1.0)
 
 
-def scene_of(**values: float) -> np.ndarray:
-    scene = np.zeros(len(state.SCENE))
+def scene_of(**values: float) -> Row:
+    scene = Row(np.zeros(len(state.SCENE)), 0, state.SCENE)
     for name, value in values.items():
-        scene[state.SCENE.index(name)] = value
+        setattr(scene, name, value)
     return scene
 
 
