@@ -911,8 +911,13 @@ class ClosedColumn:
         return layout.view(buffer, "lead")[0].copy()
 
     def error(self, load: Array) -> float:
-        """Mean difference of the fine fraction from the exact one over the depth (L1)."""
-        return float(np.abs(load[:, 0] / load.sum(axis=1) - self.exact).mean())
+        """Mean difference of the fine fraction from the exact one over the depth (L1).
+
+        A layer that a coarse step left empty is all wrong.
+        """
+        whole = load.sum(axis=1)
+        fine = np.divide(load[:, 0], whole, out=self.exact + 1.0, where=whole > 0.0)
+        return float(np.abs(fine - self.exact).mean())
 
     def march(self) -> tuple[ColumnMarch, int]:
         """The baseline, and its steps at a CFL number of 0.9 of what percolates."""

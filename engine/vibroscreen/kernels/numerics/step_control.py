@@ -200,6 +200,8 @@ def explicit_length(
             book.wide = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
             counter.pair_steps += 1
         else:
+            # No step was tried that is longer than the chain is stable.
+            fit = min(fit, CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest)
             book.wide = max(fit, book.wide) if cut else fit
             counter.chain_steps += 1
         return h, scheme, landed
