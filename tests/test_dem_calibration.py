@@ -172,5 +172,5 @@ def test_segregation_by_the_constants_of_the_batches(batch: dict[str, float]) ->
 def test_sections_name_what_they_show(tmp_path: Path) -> None:
     """The batch section links pictures that it draws."""
     text = example.write_batches(tmp_path)
-    assert "validation/dem_batch.png" in text
+    assert "(dem_batch.png)" in text
     assert (tmp_path / "dem_batch.png").stat().st_size > 10_000

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import engineering_rules as example
-from components.sizing_rules import (
+from sizing_rules import (
     karra_cut_size,
     karra_partition,
     vsma_area,

@@ -1,4 +1,4 @@
-"""engine/VALIDATION.md and what writes it."""
+"""VALIDATION.md and what writes it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import typer
 
 import validate
-from components.evidence import Section, table
+from evidence import Section, table
 
 
 @pytest.fixture
@@ -65,5 +65,5 @@ def test_report_holds_what_it_should() -> None:
     bodies = validate.sections_of(text)
     for section in validate.SECTIONS:
         assert bodies[section.title].startswith(f"Command: `{section.command}`")
-    linked = re.findall(r"!\[[^]]*\]\(validation/([^)]+)\)", text)
+    linked = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
     assert set(linked) == {path.name for path in validate.PICTURES.glob("*.png")}

@@ -71,9 +71,8 @@ from vibroscreen.units import MM, T_H
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
-TABLE_1 = (
-    Path(__file__).resolve().parents[2] / "plant_examples" / "data" / "ivanov_vaisberg_table1.csv"
-)
+DATA = Path(__file__).resolve().parents[2] / "engine" / "validation" / "data"
+TABLE_1 = DATA / "ivanov_vaisberg_table1.csv"
 
 # A single run of a baseline is not longer than this, s.
 LONGEST_RUN = 20.0

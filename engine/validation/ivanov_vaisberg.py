@@ -12,7 +12,7 @@ What the paper does not say and had to be assumed, the same for all versions:
 - top size 4 mm: there a Rosin-Rammler line through the two coarsest sieves reaches 95 %;
 - contact layer and layers above 4 mm deep: one coarsest grain.
 
-Run `python plant_examples/ivanov_vaisberg.py`.
+Run `python engine/validation/ivanov_vaisberg.py`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from components.evidence import PICTURES, Section, table
+from evidence import DATA, PICTURES, Section, table
 from vibroscreen import ScreenConfig
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
@@ -41,8 +41,7 @@ from vibroscreen.units import MM, PERCENT, T_H
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
-DATA = HERE / "data" / "ivanov_vaisberg_table1.csv"
+TABLE_1 = DATA / "ivanov_vaisberg_table1.csv"
 PAPER = ("original", "improved_screening", "improved_separation")
 
 TOP_SIZE = 4.0 * MM
@@ -87,7 +86,7 @@ U_SCALE = Parameter("u at 0.5 mm, m/s", 1e-4, 10.0, 0.05, sets=())
 
 def experiments() -> pd.DataFrame:
     """Table 1 by experiment and class, finest first; fractions."""
-    return pd.read_csv(DATA, comment="#", dtype={"experiment": str})
+    return pd.read_csv(TABLE_1, comment="#", dtype={"experiment": str})
 
 
 def edges_of(part: pd.DataFrame, top_size: float) -> tuple[float, ...]:
@@ -282,7 +281,7 @@ def write(pictures: Path) -> str:
     ]
     warnings = "".join(f"- {warning}\n" for warning in ours.warnings) or "- none\n"
     return f"""\
-Data: Table 1 of Ivanov and Vaisberg, `plant_examples/data/ivanov_vaisberg_table1.csv`: 14
+Data: Table 1 of Ivanov and Vaisberg, `data/ivanov_vaisberg_table1.csv`: 14
 recoveries of classes that can pass, two apertures at two capacities. They are ratios of small
 integers (5/6, 25/47), so the finest class is uncertain by about 0.1, and the first experiment is
 not monotone in size: no model that is gets below 0.0143.
@@ -292,7 +291,7 @@ Fitted to all four with {len(ours.parameters)} numbers: {ours.rmse:.4f} (target 
 columns, all of them fitted: {", ".join(f"{error:.4f}" for error in paper.values())}. With u ~ 1/a
 three numbers do: {three.held_out_rmse:.4f} left out, {three.rmse:.4f} fitted.
 
-![Recovery curves of the four experiments](validation/ivanov_vaisberg.png)
+![Recovery curves of the four experiments](ivanov_vaisberg.png)
 
 {table(head, rows_of(comparison))}
 Columns without "paper" are fitted by this project to all four experiments, each version by itself;
@@ -326,7 +325,7 @@ velocities belong to these assumptions.
 """
 
 
-SECTION = Section("Table 1", "python plant_examples/ivanov_vaisberg.py", write)
+SECTION = Section("Table 1", "python engine/validation/ivanov_vaisberg.py", write)
 
 
 def main(

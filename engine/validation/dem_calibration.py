@@ -9,7 +9,7 @@ passage law `bounce` and with u and w that follow from the vibration. Fitted:
   case of the plate needs only another feed, motion and inclination.
 
 Each case is left out of either fit in turn and predicted. Run `python
-plant_examples/dem_calibration.py`.
+engine/validation/dem_calibration.py`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from scipy.optimize import least_squares
 from scipy.stats import binom, norm
 
 from bed_velocity import PERFORATED, ROLLING
-from components.evidence import PICTURES, Section, table
+from evidence import DATA, PICTURES, SCREENS, Section, table
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 from vibroscreen.config import (
@@ -50,9 +50,7 @@ from vibroscreen.units import DEG, MM
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
-DATA = HERE / "data"
-PLATE = HERE / "screens" / "dem_plate.toml"
+PLATE = SCREENS / "dem_plate.toml"
 
 APERTURE, OPEN_AREA = 8.0 * MM, (8.0 / 11.0) ** 2
 DENSITY = 2650.0  # kg/m3, of the spheres
@@ -295,7 +293,7 @@ def write_plate(calibration: Calibration) -> str:
     text = calibration.configure(base).to_toml()
     return f"""\
 # Plate of the particle simulations in data/dem_*.csv, one calibration for its batches and decks.
-# Written by plant_examples/dem_calibration.py. Another case needs another feed, motion and
+# Written by engine/validation/dem_calibration.py. Another case needs another feed, motion and
 # inclination. Classes: spheres of 3, 4, 5, 6, 7, 7.5, 9 and 12 mm, the means of the limits.
 
 {text}"""
@@ -613,7 +611,7 @@ RMSE of {freed_rmse:.4f}, but only S6 has another composition and only S4 anothe
 out, they are lost.
 
 {table(("case", "RMSE fitted", "RMSE left out"), rows)}
-![Recovery over time of the batches](validation/dem_batch.png)
+![Recovery over time of the batches](dem_batch.png)
 
 {numbers_table(calibration)}
 What the fit says of itself:
@@ -657,7 +655,7 @@ velocity and the mixing of {MIXING:g} m/s were chosen with G1 and G2 in view; th
 Layers as thin as these do not mix by themselves: without mixing the gaps grow too much, by 15 to 20
 and 30 to 50 %.
 
-![Height of the coarse spheres over the fine ones](validation/dem_segregation.png)
+![Height of the coarse spheres over the fine ones](dem_segregation.png)
 """
 
 
@@ -732,7 +730,7 @@ With the constants of the batches, nothing refitted, and the velocities of the s
 and stirring, taken as 0: near-size passes too easily then.
 
 {table(head, rows)}
-![Recovery by size of the decks](validation/dem_decks.png)
+![Recovery by size of the decks](dem_decks.png)
 
 {table(("batch", "common fit", "left out"), in_batches)}
 {numbers_table(common)}
@@ -743,7 +741,7 @@ Undersize along the deck, with two standard errors of the particles counted. Sta
 four blocks of each run are {block_errors():.2f} times those of the counts (root mean square over
 the recoveries), so the bands are honest; they do not hold a drift over the run (B15):
 
-![Undersize along the decks](validation/dem_decks_along.png)
+![Undersize along the decks](dem_decks_along.png)
 
 **Within the bands: {met} of {segments} segments.** Of a perfect model 3 or 4 of the 72 would lie
 outside by chance, {segments - met} or more in one of {1.0 / by_chance:.0f} times. A cubic for each
@@ -898,7 +896,7 @@ What the heights of the grains say, by models of the deck of their own:
 """
 
 
-COMMAND = "python plant_examples/dem_calibration.py"
+COMMAND = "python engine/validation/dem_calibration.py"
 SECTIONS = (
     Section("DEM batch", COMMAND, write_batches),
     Section("DEM segregation", COMMAND, write_segregation),

@@ -3,7 +3,7 @@
 VSMA's area factors say at which undersize recovery the area is enough, Karra's model gives the cut
 size and partition curve; neither knows vibration or bed. Beside them stands the engine with its
 default numbers, and with three numbers fitted to Karra's curves at five feed rates, for feeds of
-50 to 1000 t/h. Run `python plant_examples/engineering_rules.py`.
+50 to 1000 t/h. Run `python engine/validation/engineering_rules.py`.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from components.evidence import PICTURES, Section, table
-from components.sizing_rules import karra_cut_size, karra_partition, vsma_area, vsma_recovery
+from evidence import PICTURES, Section, table
+from sizing_rules import karra_cut_size, karra_partition, vsma_area, vsma_recovery
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 from vibroscreen.units import MM, T_H
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
 FEEDS = np.array([50.0, 100.0, 150.0, 200.0, 300.0, 400.0, 500.0, 600.0, 800.0, 1000.0])  # t/h
 RATES = FEEDS * T_H
 FITTED_AT = np.array([200.0, 300.0, 400.0, 500.0, 600.0]) * T_H
@@ -193,12 +192,12 @@ def write(pictures: Path) -> str:
     ten_times = solve_steady_many(faster, {"feed.mass_flow_rate": RATES}).undersize_recovery[4]
     at_300 = frame.loc[300.0]
     return f"""\
-Data: none measured. VSMA's area factors (`plant_examples/data/vsma_tables.csv`; the efficiency
+Data: none measured. VSMA's area factors (`data/vsma_tables.csv`; the efficiency
 factor J as commonly printed) and Karra's model (CIM Bulletin, April 1979, as restated in textbooks;
 constants not checked against the original print) beside the engine, for the default screen:
 2.4 x 6 m, 16 mm, 55 % open.
 
-![Undersize recovery and cut size over the feed rate](validation/engineering_rules.png)
+![Undersize recovery and cut size over the feed rate](engineering_rules.png)
 
 {table(HEAD, rows_of(frame))}
 VSMA's efficiencies end at 0.95 (drawn there) and 0.70. "default" is the engine with its default
@@ -227,7 +226,9 @@ crusher in the closed circuit (`tests/test_components.py`).
 """
 
 
-SECTION = Section("Engineering cross-checks", "python plant_examples/engineering_rules.py", write)
+SECTION = Section(
+    "Engineering cross-checks", "python engine/validation/engineering_rules.py", write
+)
 
 
 def main(

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from evidence import DATA
 from vibroscreen.units import HOUR, MM, PERCENT, TONNE
 
 __all__ = ["KARRA_EXPONENT", "karra_cut_size", "karra_partition", "vsma_area", "vsma_recovery"]
@@ -22,7 +22,7 @@ __all__ = ["KARRA_EXPONENT", "karra_cut_size", "karra_partition", "vsma_area", "
 Array = NDArray[np.float64]
 Passing = Callable[[float], float]
 
-FACTORS = Path(__file__).resolve().parents[1] / "data" / "vsma_tables.csv"
+FACTORS = DATA / "vsma_tables.csv"
 # VSMA's factor J by efficiency (undersize recovery), as commonly printed with the tables.
 EFFICIENCY = (0.70, 0.75, 0.80, 0.85, 0.90, 0.95)
 J = (1.90, 1.70, 1.50, 1.35, 1.15, 1.00)

@@ -1,4 +1,4 @@
-"""Sections of engine/VALIDATION.md: what they hold, and their tables."""
+"""Where the evidence lies, and what a section of VALIDATION.md holds."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PICTURES", "Section", "table"]
+__all__ = ["DATA", "PICTURES", "REPORT", "SCREENS", "Section", "table"]
 
-# Folder of the pictures of VALIDATION.md.
-PICTURES = Path(__file__).resolve().parents[2] / "engine" / "validation"
+HERE = Path(__file__).resolve().parent
+DATA = HERE / "data"
+REPORT = HERE / "VALIDATION.md"
+PICTURES = HERE  # of the report, beside it
+SCREENS = HERE.parents[1] / "plant_examples" / "screens"
 
 
 @dataclass(frozen=True)
@@ -17,7 +20,7 @@ class Section:
     """One data set of the validation: its title, the command for its figures, and its writer.
 
     `write(pictures)` draws its pictures into that folder (file names without spaces) and returns
-    the Markdown text below the title; a picture is linked as `![what it shows](validation/NAME)`.
+    the Markdown text below the title; a picture is linked as `![what it shows](NAME)`.
     It says what was fitted, what was held out, the error and the target.
     """
 

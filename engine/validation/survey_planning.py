@@ -5,9 +5,10 @@ error; passage velocity, percolation velocity and dilation are fitted back. Fort
 kind say how wide the 95 % intervals are, whether they hold the truth in 95 of 100 cases, and when
 the data are too few. The survey `data/quarry_survey.csv` is one of them, for the command
 
-    vibroscreen calibrate plant_examples/data/quarry_survey.csv plant_examples/screens/quarry.toml
+    vibroscreen calibrate engine/validation/data/quarry_survey.csv \
+        plant_examples/screens/quarry.toml
 
-Run `python plant_examples/survey_planning.py`.
+Run `python engine/validation/survey_planning.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
-from components.evidence import Section, table
+from evidence import DATA, SCREENS, Section, table
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.calibrate import Calibration, Fit, Parameter, Run, calibrate
 from vibroscreen.survey import read_survey
@@ -31,9 +32,8 @@ from vibroscreen.units import MM, T_H
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
-SCREEN = HERE / "screens" / "quarry.toml"
-SURVEY = HERE / "data" / "quarry_survey.csv"
+SCREEN = SCREENS / "quarry.toml"
+SURVEY = DATA / "quarry_survey.csv"
 
 # The truth: what the engine has when it follows Karra's curves (engineering_rules.py), rounded.
 TRUTH = {
@@ -172,18 +172,18 @@ An interval should hold the truth in 95 of 100 cases; with {SURVEYS} surveys the
 by 0.07 (95 %). Intervals are those of linear regression at the optimum: where they are wide, as
 from one run, they are no more than a sign that the survey is too small, and the fit says so.
 
-One survey of four runs, `plant_examples/data/quarry_survey.csv`, from eight starts: RMSE
+One survey of four runs, `data/quarry_survey.csv`, from eight starts: RMSE
 {fit.rmse:.4f}, each run left out {fit.held_out_rmse:.4f} (noise {NOISE}).
 
 {table(("number", "truth", "fitted", "95 %"), fitted)}
 Warnings of that fit:
 
 {warnings}
-![Measured against modelled recoveries](validation/calibration.png)
+![Measured against modelled recoveries](calibration.png)
 """
 
 
-SECTION = Section("Calibration", "python plant_examples/survey_planning.py", write)
+SECTION = Section("Calibration", "python engine/validation/survey_planning.py", write)
 
 
 def main(

@@ -7,7 +7,7 @@ numbers. More than two hundred beds of a DEM of our own (`data/bed_velocity_dem.
 `tests/benchmarks/bed_dem.py`) and the loaded, perforated decks of `data/dem_deck_cases.csv` are not
 fitted.
 
-Run `python plant_examples/bed_velocity.py`.
+Run `python engine/validation/bed_velocity.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from scipy.optimize import minimize
 
-from components.evidence import PICTURES, Section, table
+from evidence import DATA, PICTURES, Section, table
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.displacement import BED_CONSTANTS, BED_THROW, bed_friction
 from vibroscreen.motion import Motion, conveying_regime
@@ -30,7 +30,6 @@ from vibroscreen.units import DEG, MM
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
 ELLIPTICITY = {"linear": 0.0, "circular-1": 1.0, "circular+1": -1.0}  # as the data file names them
 SLOWEST = 0.05  # m/s, below which errors count against this velocity
 # Of the perforated plate, on which the spheres roll freely: openings carry nothing.
@@ -39,20 +38,20 @@ ROLLING, PERFORATED = 0.5, 0.88
 
 def conveying_cases() -> pd.DataFrame:
     """The ten cases of the file; v: mean of the second half of each run [m/s]."""
-    cases = pd.read_csv(HERE / "data" / "dem_conveying.csv", comment="#").set_index("case")
+    cases = pd.read_csv(DATA / "dem_conveying.csv", comment="#").set_index("case")
     cases["ellipticity"] = cases.motion.map(ELLIPTICITY)
     return cases.rename(columns={"v_DEM_second_half": "v"})
 
 
 def own_cases() -> pd.DataFrame:
     """The beds of our own DEM; v: mean of the second half of each run [m/s]."""
-    cases = pd.read_csv(HERE / "data" / "bed_velocity_dem.csv", comment="#").set_index("case")
+    cases = pd.read_csv(DATA / "bed_velocity_dem.csv", comment="#").set_index("case")
     return cases.rename(columns={"v_second_half": "v"})
 
 
 def deck_cases() -> pd.DataFrame:
     """The loaded, perforated decks; v: mean bed velocity over the openings [m/s]."""
-    cases = pd.read_csv(HERE / "data" / "dem_deck_cases.csv", comment="#").set_index("case")
+    cases = pd.read_csv(DATA / "dem_deck_cases.csv", comment="#").set_index("case")
     cases["ellipticity"] = np.where(cases.motion == "circular", -1.0, 0.0)
     cases["beta_deg"] = cases.beta_deg.fillna(90.0)
     cases["A_mm"] = cases.A_m / MM
@@ -188,7 +187,7 @@ def draw(frame: pd.DataFrame, own: pd.DataFrame, path: Path) -> None:
 
 
 def write(pictures: Path) -> str:
-    """Section of engine/VALIDATION.md."""
+    """Section of VALIDATION.md."""
     frame, fitted = compare()
     own = held_out()
     draw(frame, own, pictures / "bed_velocity.png")
@@ -236,7 +235,7 @@ def write(pictures: Path) -> str:
     )
     return f"""\
 Data: mean velocity of beds of spheres on a vibrating plate without holes in DEM (LIGGGHTS),
-`plant_examples/data/dem_conveying.csv`, second half of each run. "circular+1" moves against the
+`data/dem_conveying.csv`, second half of each run. "circular+1" moves against the
 flow at the top of its orbit, "circular-1" with it.
 
 **Largest error {worst["bed", "linear"]:.1%} of the linear and {worst["bed", "circular"]:.1%} of
@@ -248,9 +247,9 @@ grains {fitted[2]:.3f} (in the engine {softness:g} and {grains:g}). Damping {dam
 of one grain (C05), which is slower than deeper ones.
 
 {cases}
-![Bed velocity, models and DEM](validation/bed_velocity.png)
+![Bed velocity, models and DEM](bed_velocity.png)
 
-**Held out**: {len(own)} beds of a DEM of our own (`plant_examples/data/bed_velocity_dem.csv`, the
+**Held out**: {len(own)} beds of a DEM of our own (`data/bed_velocity_dem.csv`, the
 same set-up, run by `tests/benchmarks/bed_dem.py`) with other amplitudes, frequencies, rotations,
 inclinations to 24 degrees, frictions 0.3 to 0.8 and beds of 5 to 40 mm, as far as they lie in the
 domain of the model. Beds are chaotic: two seeds differ by up to 10 % under circular motion. Cases
@@ -261,7 +260,7 @@ The model misses most where a level deck turns against the flow, or one with the
 (below 2): there it is 0.05 m/s too fast; and deep beds on steep decks, which shear inside: 30 to
 40 mm deep they are up to 40 % faster than it says.
 
-**Loaded, perforated decks** (`plant_examples/data/dem_deck_cases.csv`): over half of that plate is
+**Loaded, perforated decks** (`data/dem_deck_cases.csv`): over half of that plate is
 open and carries nothing, so the level decks are slower than a plate: about {PERFORATED:g} of the
 model's velocity, the `velocity_factor` of the panel. Spheres roll freely on it: a deck grips grains
 that roll less, and a slope pulls them as before. Rolling of {ROLLING:g} was chosen by what passes
@@ -272,7 +271,7 @@ twelfth, 0.53 in the ninth.
 {loaded}"""
 
 
-SECTION = Section("Bed velocity", "python plant_examples/bed_velocity.py", write)
+SECTION = Section("Bed velocity", "python engine/validation/bed_velocity.py", write)
 
 
 def main(

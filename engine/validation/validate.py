@@ -1,7 +1,7 @@
-"""How far is the engine from what was measured? Writes engine/VALIDATION.md and its pictures.
+"""How far is the engine from what was measured? Writes VALIDATION.md and its pictures.
 
-`python plant_examples/validate.py` runs every data set anew; `--only "Table 1"` runs one and keeps
-the other sections as they stand in the file.
+`python engine/validation/validate.py` runs every data set anew; `--only "Table 1"` runs one and
+keeps the other sections as they stand in the file.
 """
 
 from __future__ import annotations
@@ -17,18 +17,15 @@ import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
 import survey_planning
-from components.evidence import PICTURES, Section
-
-ROOT = Path(__file__).resolve().parents[1]
-REPORT = ROOT / "engine" / "VALIDATION.md"
+from evidence import PICTURES, REPORT, Section
 
 HEAD = """\
 # Validation
 
 The engine beside measurements and particle simulations: for each data set the figures, what was
-fitted and what was held out. Written by `python plant_examples/validate.py`; do not edit by hand.
-The command of a section gives its figures alone. Numerical verification (exact solutions,
-conservation, convergence) is in [MODEL.md](MODEL.md#verification) and `tests/`.
+fitted and what was held out. Written by `python engine/validation/validate.py`; do not edit by
+hand. The command of a section gives its figures alone. Numerical verification (exact solutions,
+conservation, convergence) is in [MODEL.md](../MODEL.md#verification) and `tests/`.
 """
 
 SECTIONS: tuple[Section, ...] = (
