@@ -10,7 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import dem_calibration as example
+from dem_calibration import PLATE
+from evidence import DATA
+from plate import along, fit
+from plate.batch_section import write_batches
+from plate.decks import deck_runs, twice_the_feed
+from plate.heights import heights
+from plate.segregation import growth
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.size_classes import SizeClasses
 
@@ -20,15 +26,15 @@ SPHERE = 2650.0 * math.pi / 6.0
 
 
 def rows(name: str) -> list[dict[str, str]]:
-    """Rows of a file, read without the example's reader."""
-    with (example.DATA / f"dem_{name}.csv").open() as file:
+    """Rows of a file, read without the study's reader."""
+    with (DATA / f"dem_{name}.csv").open() as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
 @pytest.fixture(scope="module")
 def plate() -> ScreenConfig:
     """The calibrated plate as it is shipped."""
-    return ScreenConfig.load(example.PLATE)
+    return ScreenConfig.load(PLATE)
 
 
 def deck_error(plate: ScreenConfig, name: str) -> np.ndarray:
@@ -110,12 +116,12 @@ def test_undersize_of_the_deepest_deck(plate: ScreenConfig) -> None:
 
 def test_twice_the_base_feed(plate: ScreenConfig) -> None:
     """The data's README says about 9 kg/(m2 s) from 0.75 to 2 times the base feed."""
-    assert example.twice_the_feed(numbers(plate)) == pytest.approx(9.0, rel=0.1)
+    assert twice_the_feed(numbers(plate)) == pytest.approx(9.0, rel=0.1)
 
 
 def test_what_the_plate_says_of_a_bed_that_is_thrown(plate: ScreenConfig) -> None:
     """Lift and calming are those of the heights of the grains, not of what passes."""
-    lift, calming, missed, lifted = example.heights()
+    lift, calming, missed, lifted = heights()
     assert plate.passage.lift == pytest.approx(lift, rel=0.02)
     assert plate.passage.calming == pytest.approx(calming, rel=0.02)
     assert missed < 0.1 * lifted
@@ -123,20 +129,19 @@ def test_what_the_plate_says_of_a_bed_that_is_thrown(plate: ScreenConfig) -> Non
 
 def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
     """Within two standard errors in 65 of 72 segments; a cubic for each deck has 67."""
-    values, runs = numbers(plate), example.deck_runs()
-    inside = {run.name: example.within(example.along(run, values)) for run in runs}
+    values, runs = numbers(plate), deck_runs()
+    inside = {run.name: along.within(along.along(run, values)) for run in runs}
     assert sum(inside.values()) >= 64
     assert min(inside.values()) >= 8
 
 
 def test_undersize_at_the_discharge_by_the_measured_velocity_there(plate: ScreenConfig) -> None:
     """The bed runs out over the edge: with that, nothing refitted, as many as a cubic has."""
-    faster = example.run_out()
+    faster = along.run_out()
     assert 1.1 < faster < 1.3
     values = numbers(plate)
     met = sum(
-        example.within(example.along(example.with_run_out(run, faster), values))
-        for run in example.deck_runs()
+        along.within(along.along(along.with_run_out(run, faster), values)) for run in deck_runs()
     )
     assert met >= 67
 
@@ -151,26 +156,26 @@ def test_classes_of_the_plate_have_the_spheres_as_means(plate: ScreenConfig) -> 
 @pytest.fixture(scope="module")
 def batch() -> dict[str, float]:
     """Numbers fitted to the batches alone."""
-    return example.numbers_of(example.batch_fit())
+    return fit.numbers_of(fit.batch_fit())
 
 
 def test_batches_fitted_by_themselves(batch: dict[str, float], plate: ScreenConfig) -> None:
     assert len(batch) <= 6
     alone = plate.with_values({**batch, "passage.drift": 0.0})
     assert rmse([batch_error(alone, name) for name in BATCHES]) <= 0.04
-    held = example.by_run(example.batch_fit())["left out"]
+    held = fit.by_run(fit.batch_fit())["left out"]
     assert rmse([held.to_numpy()]) <= 0.05
 
 
 def test_segregation_by_the_constants_of_the_batches(batch: dict[str, float]) -> None:
     """Growth of the height gap within 25 %."""
-    growth = example.growth(tuple(batch.items()))
+    grown = growth(tuple(batch.items()))
     for name in ("G1", "G2"):
-        assert abs(growth["modelled"][name] / growth["measured"][name] - 1.0) <= 0.25
+        assert abs(grown["modelled"][name] / grown["measured"][name] - 1.0) <= 0.25
 
 
 def test_sections_name_what_they_show(tmp_path: Path) -> None:
     """The batch section links pictures that it draws."""
-    text = example.write_batches(tmp_path)
+    text = write_batches(tmp_path)
     assert "(dem_batch.png)" in text
     assert (tmp_path / "dem_batch.png").stat().st_size > 10_000

@@ -17,7 +17,7 @@ COLUMNS = ("original", "improved_screening", "improved_separation")
 
 
 def rows() -> list[dict[str, str]]:
-    """Rows of Table 1 whose class can pass, read without the example's reader."""
+    """Rows of Table 1 whose class can pass, read without the study's reader."""
     with example.TABLE_1.open() as file:
         every = csv.DictReader(line for line in file if not line.startswith("#"))
         return [row for row in every if float(row["exp"]) > 0.0]
