@@ -40,7 +40,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tests import exact
 from tests.benchmarks.baseline import (
     ColumnMarch,
     FixedCells,
@@ -52,6 +51,7 @@ from tests.benchmarks.baseline import (
     uniform_slices,
 )
 from tests.benchmarks.output import write_json
+from tests.kernels.numerics import exact
 from vibroscreen import Feed, Motion, Screen, ScreenConfig, register
 from vibroscreen.config import (
     QUARRY_EDGES,

@@ -22,9 +22,10 @@ from typing import Any
 
 import pytest
 from fmpy import extract, read_model_description
-from hostile import ERROR, FUNCTIONS, OK, WARNING, Callbacks, State
-from native import HOST
 
+from tests.fmu.hostile import ERROR, FUNCTIONS, OK, WARNING, Callbacks, State
+from tests.fmu.native import HOST
+from tests.places import SCREENS
 from vibroscreen import ScreenConfig
 from vibroscreen_fmu.native.fmu import write_native_fmu
 from vibroscreen_fmu.native.tables import HEAD
@@ -327,7 +328,7 @@ def test_the_file_of_another_screen(
     copied: Callable[..., Path], tmp_path: Path, unzipped: Path
 ) -> None:
     """The same library reads either; the GUID tells which the host means."""
-    config = ScreenConfig.load(Path(__file__).parents[1] / "plant_examples/screens/two_deck.toml")
+    config = ScreenConfig.load(SCREENS / "two_deck.toml")
     path = write_native_fmu(config, tmp_path / "two", [HOST])
     two = Path(extract(str(path), unzipdir=str(tmp_path / "two_decks")))
     fmu = copied()

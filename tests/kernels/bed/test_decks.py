@@ -9,34 +9,33 @@ engine.
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
-from vibroscreen.kernels import state
-from vibroscreen.size_classes import SizeClasses
-from vibroscreen.units import DEG, MM
-
-from test_conservation import (  # isort: skip
+from tests.kernels.bed.test_conservation import (
     CLOSURE,
-    EDGES as SIX_EDGES,
     MODELS,
     check_closed,
     check_signs,
     empty,
     random_step,
 )
-from test_exact_solutions import MIXED, RHO, SIZE, scene  # isort: skip
+from tests.kernels.bed.test_conservation import (
+    EDGES as SIX_EDGES,
+)
+from tests.kernels.numerics.test_exact_solutions import MIXED, RHO, SIZE, scene
+from tests.places import SCREENS
+from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
+from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.kernels import state
+from vibroscreen.size_classes import SizeClasses
+from vibroscreen.units import DEG, MM
 
 SHARE = (0.1, 0.15, 0.2, 0.15, 0.2, 0.2)
 LENGTH = 6.0
-
-SCREENS = Path(__file__).parents[1] / "plant_examples" / "screens"
 
 
 def panel(

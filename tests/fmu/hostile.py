@@ -1,6 +1,6 @@
 """Callers that do what no caller should, over the C functions of an FMU alone.
 
-    python tests/hostile.py FMU [--sequences N] [--calls M] [--threads T] [--seed S]
+    python tests/fmu/hostile.py FMU [--sequences N] [--calls M] [--threads T] [--seed S]
 
 A sequence makes an instance, calls functions of FMI 2.0 in an order and with values drawn at
 random, legal ones and others, and frees it. What must hold: no crash; every call returns a status

@@ -12,11 +12,10 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 import survey_planning as example
+from tests.places import ROOT
 from vibroscreen import ScreenConfig
 from vibroscreen.cli import app
 from vibroscreen.survey import read_survey
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_the_survey_is_what_it_says() -> None:

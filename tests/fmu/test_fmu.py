@@ -30,6 +30,7 @@ from typer.testing import CliRunner
 import build_fmu
 import vibroscreen
 import vibroscreen_fmu
+from tests.places import ROOT, SCREENS
 from vibroscreen.config import Bed, ScreenConfig, Solver
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels import registry, state
@@ -44,8 +45,6 @@ N = 12
 FATAL, DISCARD = "status 4", "status 2"
 FRACTIONS = range(1, N + 1)
 
-ROOT = Path(__file__).parents[1]
-SCREENS = ROOT / "plant_examples" / "screens"
 
 # The contract of the FMU of one deck with one panel: name, unit, display unit.
 INPUTS = {

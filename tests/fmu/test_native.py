@@ -1,7 +1,7 @@
 """The native runtime: the same bytes as the runtime in Python, on every platform, and nothing else.
 
-Both answer the same calls (tests/native.py), a program in C hands them to the library
-(tests/replay.c). Windows and aarch64 run where wine and qemu are; what is not there is said.
+Both answer the same calls (tests/fmu/native.py), a program in C hands them to the library
+(tests/fmu/replay.c). Windows and aarch64 run where wine and qemu are; what is not there is said.
 """
 
 from __future__ import annotations
@@ -23,9 +23,20 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
-from native import HOST, OK, REPLAY, Call, Python, compiled, replayed, unzipped_library, walk
 
 import build_fmu
+from tests.fmu.native import (
+    HOST,
+    OK,
+    REPLAY,
+    Call,
+    Python,
+    compiled,
+    replayed,
+    unzipped_library,
+    walk,
+)
+from tests.places import ROOT, SCREENS
 from vibroscreen import Screen, ScreenConfig
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.errors import TEXT, ConfigError
@@ -35,9 +46,7 @@ from vibroscreen_fmu.package import screen_model
 from vibroscreen_fmu.python_slave import ScreenSlave
 from vibroscreen_fmu.row_slave import slave_class
 
-ROOT = Path(__file__).resolve().parent.parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-SCREENS = ROOT / "plant_examples" / "screens"
 FOREIGN = ("win64", "aarch64-linux")
 # The steps of a run; a double deck costs several times as much as a single one.
 STEPS = 10_000

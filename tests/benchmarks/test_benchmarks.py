@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests import exact
 from tests.benchmarks import dem_scale, import_time, many, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
@@ -22,6 +21,7 @@ from tests.benchmarks.baseline import (
     problem_of,
     uniform_slices,
 )
+from tests.kernels.numerics import exact
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.config import Segregation, Solver
 from vibroscreen.kernels import library, state

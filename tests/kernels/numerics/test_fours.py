@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba.core.errors import TypingError
 
+from tests.places import ROOT
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.kernels import rates, state
 from vibroscreen.kernels.entry import START_SLICE, run
@@ -39,7 +39,6 @@ if os.environ.get("NUMBA_DISABLE_JIT") == "1":
 else:
     from vibroscreen.kernels.compiler import compiled
 
-ROOT = Path(__file__).resolve().parent.parent
 WIDTH = 12
 
 # Far from what overflows, where all bits are defined.

@@ -23,6 +23,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import vibroscreen
+from tests.places import DATA
 from vibroscreen import units
 from vibroscreen.errors import InputError
 from vibroscreen.kernels import displacement
@@ -34,7 +35,7 @@ from vibroscreen.motion import (
     transport_velocity,
 )
 
-DATA = Path(__file__).parent / "data" / "conveying_reference_cases.csv"
+CASES = DATA / "conveying_reference_cases.csv"
 ELLIPTICITY = {"linear": 0.0, "circular+1": -1.0, "circular-1": 1.0}
 SLOWEST = 0.05  # m/s, below which errors count against this velocity
 PLATEAU = (math.sqrt(1.0 + math.pi**2), math.sqrt(4.0 + math.pi**2))
@@ -59,7 +60,7 @@ def of_throw_number(
 
 
 def reference_cases() -> list[dict[str, str]]:
-    with DATA.open() as file:
+    with CASES.open() as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT, SCREENS
 from vibroscreen.kernels import compiler, library
 from vibroscreen.kernels.language import kernel
-
-ROOT = Path(__file__).resolve().parent.parent
 
 TINY = """
 import json
@@ -100,10 +99,7 @@ for path in sys.argv[1:]:
 """
 # Of version 0.4.0, where numba compiled kernel by kernel: how kernels are compiled changes no bit.
 BITS = ["adafe389003b6e8f", "5908d1f3314bb0f9", "1d4b9b7642ddb04d", "5d86b8c084624997"]
-SCREENS = [
-    ROOT / "plant_examples" / "screens" / f"{name}.toml"
-    for name in ("quarry", "two_deck", "banana", "dem_plate")
-]
+WALKED = [SCREENS / f"{name}.toml" for name in ("quarry", "two_deck", "banana", "dem_plate")]
 
 
 def _fresh(script: str, *arguments: object, **settings: str) -> str:
@@ -141,9 +137,9 @@ def test_the_build_is_that_of_the_processor() -> None:
 
 def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
     """The library for a plain processor and for this one, and the engine compiled in memory."""
-    assert _fresh(WALK, *SCREENS).split() == BITS
-    assert _fresh(WALK, *SCREENS, VIBROSCREEN_PROCESSOR="plain").split() == BITS
-    assert _fresh(WALK, *SCREENS, VIBROSCREEN_ENGINE="jit").split() == BITS
+    assert _fresh(WALK, *WALKED).split() == BITS
+    assert _fresh(WALK, *WALKED, VIBROSCREEN_PROCESSOR="plain").split() == BITS
+    assert _fresh(WALK, *WALKED, VIBROSCREEN_ENGINE="jit").split() == BITS
 
 
 def test_an_unknown_engine_is_refused() -> None:

@@ -18,11 +18,12 @@ from components.crusher import ConeCrusher, broadbent_callcott, passing_size
 from components.fmus import conveyor_model, crusher_model, mixer_model
 from components.mixer import composition, mix
 from components.slaves import ConveyorSlave, CrusherSlave, MixerSlave, UnitSlave
+from tests.places import DATA
 from vibroscreen.units import KW, KWH_T, MM, T_H
 from vibroscreen_fmu.package import Model
 
 SIEVES = np.array([0, 1, 2, 4, 5.6, 8, 11.2, 16, 22.4, 31.5, 45, 63, 75]) * MM
-SURVEYS = Path(__file__).parent / "data" / "hp500_surveys.csv"
+SURVEYS = DATA / "hp500_surveys.csv"
 
 rates = st.lists(st.floats(0.0, 1e3), min_size=SIEVES.size - 1, max_size=SIEVES.size - 1).map(
     np.array

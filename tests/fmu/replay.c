@@ -3,7 +3,7 @@
        replay LIBRARY CALLS OUT [RESOURCES]
 
    The same calls give the same bytes on every platform and from the runtime in Python
-   (tests/native.py writes CALLS and knows the answer). Needs nothing but a C library. */
+   (tests/fmu/native.py writes CALLS and knows the answer). Needs nothing but a C library. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>

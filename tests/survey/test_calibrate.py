@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
+from tests.places import SCREENS
 from vibroscreen import ConfigError, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import Calibration, Fit, Parameter, Run, calibrate, fit
 from vibroscreen.cli import app
@@ -332,7 +333,7 @@ def test_bad_runs() -> None:
 
 def test_numbers_by_name() -> None:
     """value_of reads and with_values writes any number by the FMU's name, and checks it."""
-    config = ScreenConfig.load(Path(__file__).parents[1] / "plant_examples/screens/two_deck.toml")
+    config = ScreenConfig.load(SCREENS / "two_deck.toml")
     for name, value in (
         ("deck[2].panel[1].aperture", 0.005),
         ("deck[1].panel[2].inclination", 0.1),

@@ -18,11 +18,11 @@ from fmpy.validation import validate_fmu
 
 import build_fmu
 from circuit_of_fmus import ELEMENTS, expected_load, main, write_circuit, write_ssp
-from tests import masters
+from tests.fmu import masters
+from tests.places import ROOT
 from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import library
 
-ROOT = Path(__file__).parents[1]
 # Coupling delays a stream by up to a step at every element. A steady state does not know of delays:
 # what is left between tools after 40 minutes is what still settles. To the load computed apart it
 # is the engine's error, solver.tolerance = 1e-4 for a recovery.
@@ -81,7 +81,7 @@ def expected() -> float:
 
 def found_by(tool: Callable[[Path], float], circuit: Path, *first: Path) -> float:
     """The load that a tool finds in a process of its own."""
-    script = str(ROOT / "tests" / "masters.py")
+    script = str(Path(__file__).with_name("masters.py"))
     done = run_python([script, tool.__name__, str(circuit)], *first)
     load: float = json.loads(done.stdout.splitlines()[-1])
     print(f"{tool.__name__}: circulating load {load:.9f}, expected {expected():.9f}")

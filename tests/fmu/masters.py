@@ -1,4 +1,4 @@
-"""The closed circuit in a co-simulation tool: `python tests/masters.py TOOL FOLDER` prints a load.
+"""The closed circuit in a co-simulation tool: `python tests/fmu/masters.py TOOL FOLDER` prints a load.
 
 FOLDER holds what plant_examples/circuit_of_fmus.py writes. A tool runs in a process of its own, so
 that it must also end well. Every function returns the circulating load at the end, 1.

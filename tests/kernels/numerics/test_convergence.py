@@ -1,6 +1,6 @@
 """Observed orders: of each scheme in time, of the cells along the deck, of the layers of a bed.
 
-Against closed solutions: a well mixed deep bed (tests/exact.py), and for the cells a converged run.
+Against closed solutions: a well mixed deep bed (tests/kernels/numerics/exact.py), and for the cells a converged run.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.test_exact_solutions import MIXED, exact_load, scene
+from tests.kernels.numerics.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver

@@ -1,4 +1,4 @@
-"""Calls for tests/replay.c, drawn at random; what a library and the python runtime answer.
+"""Calls for tests/fmu/replay.c, drawn at random; what a library and the python runtime answer.
 
 A call is a letter and its arguments; `record` writes calls, `answer` is what the slave of the
 python runtime gives for them, byte by byte as replay.c writes it.

@@ -9,11 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from vibroscreen import Feed, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
-from vibroscreen.units import DEG
-
-from test_exact_solutions import (  # isort: skip
+from tests.kernels.numerics.test_exact_solutions import (
     LENGTH,
     MIXED,
     RHO,
@@ -23,6 +19,9 @@ from test_exact_solutions import (  # isort: skip
     gaudin,
     scene,
 )
+from vibroscreen import Feed, Motion, Screen, ScreenConfig
+from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
+from vibroscreen.units import DEG
 
 DEFAULT = ScreenConfig.default()
 RICH, POOR = DEFAULT.feed.mass_fraction, tuple(reversed(DEFAULT.feed.mass_fraction))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.places import SCREENS
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.registry import BUILT_IN
@@ -26,7 +27,7 @@ from vibroscreen_fmu.ports import ENUMERATIONS, ports
 from vibroscreen_fmu.python_slave import configured
 
 EDGES = (0.0, 5 * MM, 10 * MM, 20 * MM)
-SCREENS = sorted((Path(__file__).parents[1] / "plant_examples" / "screens").glob("*.toml"))
+SHIPPED = sorted(SCREENS.glob("*.toml"))
 
 
 def table(config: ScreenConfig) -> dict[str, Port]:
@@ -282,7 +283,7 @@ def test_the_layer_depth_stays_when_the_contact_depth_changes(config: ScreenConf
 
 
 # --- the screens that are shipped ----------------------------------------------------------------
-@pytest.mark.parametrize("path", SCREENS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_screens_survive_the_way_into_the_fmu(path: Path) -> None:
     config = ScreenConfig.load(path)
     again = ScreenConfig.loads(config.to_toml())
@@ -291,7 +292,7 @@ def test_shipped_screens_survive_the_way_into_the_fmu(path: Path) -> None:
     assert ports(again) == ports(config)
 
 
-@pytest.mark.parametrize("path", SCREENS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_screens_do_what_they_are_for(path: Path) -> None:
     """Fines pass, oversize does not, the bed moves, and steps end in the steady solution."""
     screen = Screen(ScreenConfig.load(path))

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.places import SCREENS
 from vibroscreen import config as configuration
 from vibroscreen.config import (
     Bed,
@@ -38,7 +39,7 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.units import DEG, GRAVITY, MM, T_H
 
-QUARRY = Path(__file__).parents[1] / "plant_examples" / "screens" / "quarry.toml"
+QUARRY = SCREENS / "quarry.toml"
 
 # The file of the contract, word for word but for comments.
 CONTRACT = """
