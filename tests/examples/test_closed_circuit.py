@@ -16,15 +16,14 @@ from closed_circuit import (
     FEED_EXPONENT,
     FEED_SIZE,
     SCHEDULE,
-    Circuit,
-    Regime,
     main,
     report,
-    rosin_rammler,
     run,
 )
 from components.crusher import ConeCrusher
+from components.feed import rosin_rammler
 from components.mixer import Rates
+from components.regimes import Circuit, Regime
 from components.screen_fmu import RefusedStepError, ScreenFmu, ScreenStep
 from vibroscreen.config import ScreenConfig
 from vibroscreen.motion import Motion
