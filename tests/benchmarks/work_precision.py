@@ -40,7 +40,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tests import exact
 from tests.benchmarks.baseline import (
     ColumnMarch,
     FixedCells,
@@ -52,6 +51,7 @@ from tests.benchmarks.baseline import (
     uniform_slices,
 )
 from tests.benchmarks.output import write_json
+from tests.kernels.numerics import exact
 from vibroscreen import Feed, Motion, Screen, ScreenConfig, register
 from vibroscreen.config import (
     QUARRY_EDGES,
@@ -71,9 +71,8 @@ from vibroscreen.units import MM, T_H
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
-TABLE_1 = (
-    Path(__file__).resolve().parents[2] / "plant_examples" / "data" / "ivanov_vaisberg_table1.csv"
-)
+DATA = Path(__file__).resolve().parents[2] / "engine" / "validation" / "data"
+TABLE_1 = DATA / "ivanov_vaisberg_table1.csv"
 
 # A single run of a baseline is not longer than this, s.
 LONGEST_RUN = 20.0
