@@ -205,10 +205,11 @@ def conveying_regime(
 
     `model` "rigid_body": stick, slip forward and back and flight, plastic normal impacts,
     tangential impulse limited by friction; from rest on the deck at phase 0 (Blekhman, Vibrational
-    Mechanics, 2000). Raises InputError where |tan(inclination)| >= friction: the body runs away and
-    has no mean velocity. "bed": grains that land softly and slip by speed (MODEL.md, Bed of
-    grains); `constants` are its softness of landing [1], damping [1], friction of shaken grains [1]
-    and drag [s/m], `rolling` [1] is the share of the grip of the deck that rolling grains take.
+    Mechanics, 2000). Raises InputError where the deck is as steep as its friction or steeper, up or
+    down (tan(inclination) >= friction): the body runs away and has no mean velocity. "bed": grains
+    that land softly and slip by speed (MODEL.md, Bed of grains); `constants` are its softness of
+    landing [1], damping [1], friction of shaken grains [1] and drag [s/m], `rolling` [1] is the
+    share of the grip of the deck that rolling grains take.
     """
     limit = 0.5 * math.pi
     inclination = _checked(

@@ -1,0 +1,160 @@
+"""The guide: `sphinx-build -W -b html engine/docs dist/docs`; it reads the code, runs nothing."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.application import Sphinx
+
+HERE = Path(__file__).parent
+ENGINE = HERE.parent
+ROOT = ENGINE.parent
+EXAMPLES = ROOT / "plant_examples"
+sys.path[:0] = [str(ENGINE), str(ROOT / "fmu_src")]
+
+import vibroscreen  # noqa: E402
+from vibroscreen import ScreenConfig  # noqa: E402
+from vibroscreen_fmu.port import UNITS, Port  # noqa: E402
+from vibroscreen_fmu.ports import ports  # noqa: E402
+
+project = "vibroscreen"
+release = version = vibroscreen.__version__
+copyright = "vibroscreen, MIT licence"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
+exclude_patterns = ["README.md"]
+default_role = "code"
+
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+autosummary_generate = False
+
+html_theme = "pydata_sphinx_theme"
+html_title = "vibroscreen"
+html_static_path = ["_static"]
+html_css_files = ["guide.css"]
+html_math_renderer = "mathml"
+html_copy_source = False
+html_show_sourcelink = False
+html_theme_options = {
+    "navbar_align": "left",
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+pygments_style = "friendly"
+
+
+# --- equations: MathML, which browsers draw by themselves ---------------------------------------
+def inline_math(translator: Any, node: nodes.math) -> None:
+    translator.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def block_math(translator: Any, node: nodes.math_block) -> None:
+    equation = tex2mathml(node.astext(), as_block=True)
+    translator.body.append(f'<div class="equation">{equation}</div>')
+    raise nodes.SkipNode
+
+
+# --- pages that stand elsewhere or follow from the code ----------------------------------------
+def read_elsewhere(app: Sphinx, page: str, source: list[str]) -> None:
+    """MODEL.md and VALIDATION.md are chapters, with links that hold here."""
+    if page not in ("model", "validation"):
+        return
+    (file,) = ENGINE.rglob(f"{page.upper()}.md")
+    app.env.note_dependency(str(file))
+    text = file.read_text(encoding="utf-8")
+    text = re.sub(r"\]\((?:[\w.]+/)*(MODEL|VALIDATION)\.md", lambda m: f"]({m[1].lower()}.md", text)
+    folder = "../" + file.parent.relative_to(ENGINE).as_posix()
+    source[0] = re.sub(r"(!\[[^\]]*\])\((?!\.)", rf"\1({folder}/", text)
+
+
+def example_page(script: Path) -> str:
+    """A page for a script: the question that its docstring asks, its picture, its lines."""
+    docstring = ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or script.stem
+    question, _, rest = docstring.partition("\n\n")
+    rest = re.sub(r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", rest)
+    picture = script.with_suffix(".png")
+    shown = f"![{picture.stem}](../../../plant_examples/{picture.name})" if picture.exists() else ""
+    path = f"../../../plant_examples/{script.name}"
+    return (
+        f"# {' '.join(question.split())}\n\n{rest}\n\n{shown}\n\n"
+        f"`plant_examples/{script.name}`:\n\n```{{literalinclude}} {path}\n:language: python\n```\n"
+    )
+
+
+def first_of_each(port: Port) -> bool:
+    """Whether it stands for all variables that differ in their numbers only."""
+    return set(re.findall(r"\[(\d+)\]", port.name)) <= {"1"}
+
+
+def variables_page() -> str:
+    """The variables of an FMU with two decks, [i] for every number."""
+    lines = [
+        "# Variables of the FMU",
+        "",
+        "Of a screen with two decks; with one, `intermediate` is not there. `[i]` stands for every "
+        "class, deck or panel, counted from 1; classes from the finest, decks from the top, panels "
+        "from the feed end. All are in SI units; tools show them in the unit behind the stroke.",
+    ]
+    titles = {"input": "Inputs", "output": "Outputs", "parameter": "Parameters"}
+    found = ports(ScreenConfig.load(EXAMPLES / "screens" / "two_deck.toml"))
+    for causality, title in titles.items():
+        lines += ["", f"## {title}", "", "| name | unit | meaning |", "|---|---|---|"]
+        for port in found:
+            if port.causality == causality and first_of_each(port):
+                unit = port.unit if port.kind == "Real" else port.kind
+                shown = display_unit(port)
+                tunable = ", tunable" if port.variability == "tunable" else ""
+                name = port.name.replace("[1]", "[i]")
+                meaning = port.description.replace("|", "\\|") + tunable
+                if port.enumeration:
+                    names = (item for item, _ in port.enumeration.items)
+                    meaning += ": " + ", ".join(names)
+                lines.append(f"| `{name}` | {unit}{shown} | {meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+def display_unit(port: Port) -> str:
+    """The unit that people at a plant see, behind a stroke."""
+    display = UNITS[port.unit].display if port.display else None
+    return f" / {display}" if display else ""
+
+
+def write_pages(app: Sphinx) -> None:
+    folder = HERE / "examples"
+    folder.mkdir(exist_ok=True)
+    scripts = sorted(EXAMPLES.glob("*.py"))
+    for page in folder.glob("*.md"):
+        page.unlink()
+    for script in scripts:
+        put(folder / f"{script.stem}.md", example_page(script))
+    names = "\n".join(script.stem for script in scripts)
+    put(
+        folder / "index.md",
+        "# Plant questions\n\nEach example asks one question of a plant and answers it in its last "
+        f"line. They lie in `plant_examples/`.\n\n```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
+    )
+    put(HERE / "fmu_variables.md", variables_page())
+
+
+def put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> None:
+    app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))
+    app.connect("builder-inited", write_pages)
+    app.connect("source-read", read_elsewhere)
