@@ -81,17 +81,27 @@ def read_elsewhere(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = re.sub(r"(!\[[^\]]*\])\((?!\.)", rf"\1({folder}/", text)
 
 
+def is_future(line: ast.stmt) -> bool:
+    return isinstance(line, ast.ImportFrom) and line.module == "__future__"
+
+
 def example_page(script: Path) -> str:
     """A page for a script: the question that its docstring asks, its picture, its lines."""
-    docstring = ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or script.stem
+    tree = ast.parse(script.read_text(encoding="utf-8"))
+    docstring = ast.get_docstring(tree) or script.stem
+    code = next(line.lineno for line in tree.body[1:] if not is_future(line))
     question, _, rest = docstring.partition("\n\n")
+    question, mark, more = " ".join(question.split()).partition("?")
+    rest = f"{more.strip()}\n\n{rest}"
     rest = re.sub(r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", rest)
     picture = script.with_suffix(".png")
     shown = f"![{picture.stem}](../../../plant_examples/{picture.name})" if picture.exists() else ""
     path = f"../../../plant_examples/{script.name}"
     return (
-        f"# {' '.join(question.split())}\n\n{rest}\n\n{shown}\n\n"
-        f"`plant_examples/{script.name}`:\n\n```{{literalinclude}} {path}\n:language: python\n```\n"
+        f"# {question}{mark}\n\n{rest}\n\n{shown}\n\n"
+        f"The script is `plant_examples/{script.name}`.\n\n"
+        f"```{{literalinclude}} {path}\n:language: python\n:lines: {code}-\n"
+        "```\n"
     )
 
 
@@ -112,14 +122,14 @@ def variables_page() -> str:
     titles = {"input": "Inputs", "output": "Outputs", "parameter": "Parameters"}
     found = ports(ScreenConfig.load(EXAMPLES / "screens" / "two_deck.toml"))
     for causality, title in titles.items():
-        lines += ["", f"## {title}", "", "| name | unit | meaning |", "|---|---|---|"]
+        lines += ["", f"## {title}", "", "| name | unit / shown in | meaning |", "|---|---|---|"]
         for port in found:
             if port.causality == causality and first_of_each(port):
                 unit = port.unit if port.kind == "Real" else port.kind
                 shown = display_unit(port)
                 tunable = ", tunable" if port.variability == "tunable" else ""
                 name = port.name.replace("[1]", "[i]")
-                meaning = port.description.replace("|", "\\|") + tunable
+                meaning = re.sub(r"\b(class|deck|panel) 1\b", r"\1 i", port.description) + tunable
                 if port.enumeration:
                     names = (item for item, _ in port.enumeration.items)
                     meaning += ": " + ", ".join(names)
