@@ -191,6 +191,28 @@ MEMORY = Record(
     "unread",
 )
 
+# A step of the column at hand: how long the whole lasts and what is left of it, and a step that is
+# taken whatever its error, s; growth of the top layer now and a step ago, kg/(m2 s), 0 if unknown;
+# what it gains or loses until a kink, kg/m2, and the time until then, s, below 0 if there is none;
+# the fastest rate, 1/s; length of the step, s, and the part of it that lies before a kink; its
+# scheme; the most layers so far; whether K1 holds the rates at NOW.
+STEP = Record(
+    "duration",
+    "left",
+    "shortest",
+    "growth",
+    "before",
+    "distance",
+    "kink",
+    "fastest",
+    "length",
+    "landed",
+    "scheme",
+    "most",
+    "fresh",
+    whole=("scheme", "most", "fresh"),
+)
+
 # What was done and what was skipped.
 COUNTER = Record(
     "steps",
@@ -343,6 +365,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
         "recovery": ("classes",),
+        "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
         "fall_start": ("decks", "falls"),
@@ -591,6 +614,12 @@ def counters(buffer):
 def memory(buffer):
     """What an instance remembers besides."""
     return record(buffer, int(buffer[AT.memory]), MEMORY)
+
+
+@kernel
+def step(buffer):
+    """The step of the column at hand."""
+    return record(buffer, int(buffer[AT.step]), STEP)
 
 
 @kernel

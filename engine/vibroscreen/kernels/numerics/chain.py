@@ -111,4 +111,4 @@ def chain_step(buffer, scene, layers, h, stages, moment):
     column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K7, moment + h)
     e1, e2, e3 = CHAIN_ERROR[row, 0], CHAIN_ERROR[row, 1], CHAIN_ERROR[row, 2]
     e4, e5, e6 = CHAIN_ERROR[row, 3], CHAIN_ERROR[row, 4], CHAIN_ERROR[row, 5]
-    return embedded_error(buffer, h, layers, kept, e1, e2, e3, e4, e5, e6)
+    return embedded_error(buffer, h, layers, kept, (e1, e2, e3, e4, e5, e6))

@@ -101,6 +101,19 @@ def first_coarse(buffer, scene, load, layers):
 
 
 @kernel
+def join_coarse(held, size, coarse, count, place, share):
+    """Sizes from `coarse` on become one, the next one of the block; its mass and first moment."""
+    gathered, moment = 0.0, 0.0
+    for i in range(coarse, held.size):
+        gathered += held[i]
+        moment += held[i] * size[i]
+    for i in range(coarse, held.size):
+        place[i] = count if gathered > 0.0 else -1.0
+        share[i] = held[i] / gathered if gathered > 0.0 else 0.0
+    return gathered, moment
+
+
+@kernel
 def gather(buffer, scene, load, reference, layers):
     """Copy a column into the block NOW without the sizes that take no part.
 
@@ -145,13 +158,7 @@ def gather(buffer, scene, load, reference, layers):
             place[i] = -1.0
             counter.empty_sizes_skipped += 1.0
         share[i] = 1.0
-    gathered, moment = 0.0, 0.0
-    for i in range(coarse, nodes):
-        gathered += held[i]
-        moment += held[i] * size[i]
-    for i in range(coarse, nodes):
-        place[i] = count if gathered > 0.0 else -1.0
-        share[i] = held[i] / gathered if gathered > 0.0 else 0.0
+    gathered, moment = join_coarse(held, size, coarse, count, place, share)
     if gathered > 0.0:
         counter.coarse_sizes_skipped += nodes - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))

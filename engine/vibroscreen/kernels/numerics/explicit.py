@@ -20,13 +20,14 @@ D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29
 
 
 @kernel
-def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
-    """Error of a step: h times the sum of e1 to e6 times the rates in K1, in `stage`, and in K7."""
+def embedded_error(buffer, h, layers, stage, weight):
+    """Error of a step: h times the weighted sum of the rates in K1, in `stage`, and in K7."""
     k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, stage[0])
     k3, k4 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
     k5, k6 = block(buffer, state.AT.stage, stage[3]), block(buffer, state.AT.stage, K7)
     out = block(buffer, state.AT.trial, OF_PART)
-    h1, h2, h3, h4, h5, h6 = h * e1, h * e2, h * e3, h * e4, h * e5, h * e6
+    h1, h2, h3 = h * weight[0], h * weight[1], h * weight[2]
+    h4, h5, h6 = h * weight[3], h * weight[4], h * weight[5]
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         one = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
         put_four(out, i, one + (h4 * four(k4, i) + h5 * four(k5, i) + h6 * four(k6, i)))

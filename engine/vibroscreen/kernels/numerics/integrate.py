@@ -72,121 +72,154 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     # What lands may open layers, nothing else does.
     clear_sums(buffer, layers if state.extent(buffer).source_terms == 0.0 else load.shape[0])
     used = layers
-    explicit = state.switches(buffer).explicit > 0.0
-    shortest = SHORTEST * max(duration, scene.horizon)
-    left = duration
-    while left > 0.0:
+    step = state.step(buffer)
+    step.duration, step.left = duration, duration
+    step.shortest = SHORTEST * max(duration, scene.horizon)
+    while step.left > 0.0:
         gather(buffer, scene, load, reference, layers)
         layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
-        before, rows = left, layers
-        layers, left = advance_block(
-            buffer, scene, book, layers, duration, left, shortest, explicit
-        )
-        close_sizes(buffer, load, rows, layers, duration - before, before - left)
+        before, rows = step.left, layers
+        layers = advance_block(buffer, scene, book, step, layers)
+        close_sizes(buffer, load, rows, layers, duration - before, before - step.left)
         rows = max(rows, book.rows)
         used = max(used, rows)
         pay_integral(buffer, rows)
-        scatter(buffer, load, layers, rows, before - left)
+        scatter(buffer, load, layers, rows, before - step.left)
     book.rows = used
     return layers
 
 
 @kernel
-def advance_block(buffer, scene, book, layers, duration, left, shortest, explicit):
-    """Up to REVIEW accepted steps of the block NOW; returns layers and the time that is left.
+def advance_block(buffer, scene, book, step, layers):
+    """Up to REVIEW accepted steps of the block NOW; returns the number of layers."""
+    step.most, step.fresh = layers, 0
+    step.before, step.length = 0.0, 0.0
+    for _ in range(REVIEW):
+        if step.left <= 0.0:
+            break
+        layers = look_ahead(buffer, scene, step, layers)
+        if is_explicit(buffer, scene, step, layers):
+            layers = advance_explicit(buffer, scene, book, step, layers)
+        else:
+            layers = advance_implicit(buffer, scene, book, step, layers)
+        step.left = 0.0 if step.length == step.left else step.left - step.length
+    if step.left <= 0.0 and state.extent(buffer).recorded > 0:
+        if step.fresh == 0:
+            rates_now(buffer, scene, layers, step.duration)
+        note_passage(buffer, scene, step.duration)
+    book.rows = step.most
+    return layers
+
+
+@kernel
+def rates_now(buffer, scene, layers, moment):
+    """Rates of the block NOW into K1."""
+    keep_top_share(buffer, layers)
+    column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
+
+
+@kernel
+def look_ahead(buffer, scene, step, layers):
+    """Rates at the start of a step, and when the next kink comes; returns the number of layers."""
+    moment = step.duration - step.left
+    if step.fresh == 0:
+        rates_now(buffer, scene, layers, moment)
+    for attempt in range(2):
+        settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
+        if settled == layers or (attempt == 1 and settled > layers):
+            break
+        layers = settled
+        step.most = max(step.most, layers)
+        rates_now(buffer, scene, layers, moment)
+        step.before, step.length = 0.0, 0.0
+    if state.extent(buffer).recorded > 0:
+        note_passage(buffer, scene, moment)
+    growth, before, h = top_growth(buffer, layers), step.before, step.length
+    slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
+    load = block_load(buffer, state.AT.stage, NOW)
+    step.growth, step.distance = growth, mass_to_kink(buffer, scene, load, layers, growth)
+    step.kink = -1.0
+    if step.distance > 0.0:
+        step.kink = time_to_pass(step.distance, abs(growth), slope)
+    step.fastest = fastest_rate(buffer, scene, layers)
+    return layers
+
+
+@kernel
+def is_explicit(buffer, scene, step, layers):
+    """Whether the next step is one of an explicit scheme.
 
     With a linear reconstruction all steps are explicit, but where the bed is deeper than its
     layers: there the implicit scheme has every layer mixed evenly.
     """
-    counter = state.counters(buffer)
     load = block_load(buffer, state.AT.stage, NOW)
-    most = layers
-    linear = reconstructed(buffer)
-    fresh = False  # whether K1 holds the rates at NOW
-    before, h = 0.0, 0.0  # growth of the top layer a step ago
-    for _ in range(REVIEW):
-        if left <= 0.0:
-            break
-        moment = duration - left
-        if not fresh:
-            keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
-        for attempt in range(2):
-            settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
-            if settled == layers or (attempt == 1 and settled > layers):
-                break
-            layers = settled
-            most = max(most, layers)
-            keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
-            before, h = 0.0, 0.0
-        if state.extent(buffer).recorded > 0.0:
-            note_passage(buffer, scene, moment)
-        growth = top_growth(buffer, layers)
-        slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
-        distance = mass_to_kink(buffer, scene, load, layers, growth)
-        kink = time_to_pass(distance, abs(growth), slope) if distance > 0.0 else -1.0
-        fastest = fastest_rate(buffer, scene, layers)
-        # A full bed that only round-off makes grow is not deep.
-        least = LANDING * scene.layer_full / left
-        deep = scene.layer_full > scene.layer_load or (
-            layers == load.shape[0] and state.extent(buffer).layered > 0.0 and growth > least
-        )
-        stiff = not explicit or fastest * left >= STIFF
-        if not deep and (linear or not stiff):
-            h, scheme, landed = explicit_length(
-                buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
-            )
-            counter.column_steps += 1
-            before = growth
-            if state.extent(buffer).part < state.extent(buffer).parts:
-                add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
-            ended = landed == 1.0  # with its last rates at its end
-            if landed < 1.0:
-                land_in_step(buffer, layers, h, landed, scheme)
-                h *= landed
-            else:
-                sum_step(buffer, layers, h, scheme)
-            paid = take_explicit(buffer, layers, ended)
-            if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
-                layers = settle_top(buffer, scene, layers, growth)
-                most = max(most, layers)
-                before = 0.0
-            if not paid:
-                past = layer_mass(load, layers - 1) < 0.0
-                carry_debts(block_passed(buffer, state.AT.stage, NOW), load, layers)
-                if linear or past:  # faces have debts in any layer: fill those that paid
-                    layers = restack(buffer, scene, load, layers)
-                    most = max(most, layers)
-                before = 0.0 if past else before
-            fresh = ended and paid
-            keep_top_share(buffer, layers)
-        else:
-            until = left
-            if state.extent(buffer).part < state.extent(buffer).parts:
-                until = time_in_part(buffer, moment, left)
-                before_sum = block(buffer, state.AT.stage, K2)
-                sums = block(buffer, state.AT.stage, INTEGRAL)
-                for i in range(sums.size):
-                    before_sum[i] = sums[i]
-            h = implicit_length(buffer, scene, book, layers, until, kink, moment, shortest)
-            counter.column_steps += 1
-            rows = book.rows
-            layers = take_implicit(buffer, scene, rows, h)
-            if state.extent(buffer).part < state.extent(buffer).parts:
-                add_integral_to_part(buffer, rows, h, moment)
-            most = max(most, rows)
-            if scene.layer_full > scene.layer_load:
-                book.capacity_alarm = 1.0
-            fresh = False
-        left = 0.0 if h == left else left - h
-    if left <= 0.0 and state.extent(buffer).recorded > 0.0:
-        if not fresh:
-            keep_top_share(buffer, layers)
-            column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, duration)
-        note_passage(buffer, scene, duration)
-    book.rows = most
-    return layers, left
+    # A full bed that only round-off makes grow is not deep.
+    least = LANDING * scene.layer_full / step.left
+    full = layers == load.shape[0] and state.extent(buffer).layered > 0
+    if scene.layer_full > scene.layer_load or (full and step.growth > least):
+        return False
+    stiff = state.switches(buffer).explicit == 0.0 or step.fastest * step.left >= STIFF
+    return reconstructed(buffer) or not stiff
+
+
+@kernel
+def advance_explicit(buffer, scene, book, step, layers):
+    """Take a step of an explicit scheme; returns the number of layers after it."""
+    moment = step.duration - step.left
+    explicit_length(buffer, scene, book, step, layers)
+    h, scheme, landed = step.length, step.scheme, step.landed
+    state.counters(buffer).column_steps += 1
+    step.before = step.growth
+    if state.extent(buffer).part < state.extent(buffer).parts:
+        add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
+    ended = landed == 1.0  # with its last rates at its end
+    if landed < 1.0:
+        land_in_step(buffer, layers, h, landed, scheme)
+        step.length = h * landed
+    else:
+        sum_step(buffer, layers, h, scheme)
+    paid = take_explicit(buffer, layers, ended)
+    if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
+        layers = settle_top(buffer, scene, layers, step.growth)
+        step.most = max(step.most, layers)
+        step.before = 0.0
+    if not paid:
+        load = block_load(buffer, state.AT.stage, NOW)
+        past = layer_mass(load, layers - 1) < 0.0
+        carry_debts(block_passed(buffer, state.AT.stage, NOW), load, layers)
+        # Faces have debts in any layer: those that paid are filled.
+        if reconstructed(buffer) or past:
+            layers = restack(buffer, scene, load, layers)
+            step.most = max(step.most, layers)
+        if past:
+            step.before = 0.0
+    step.fresh = 1 if ended and paid else 0
+    keep_top_share(buffer, layers)
+    return layers
+
+
+@kernel
+def advance_implicit(buffer, scene, book, step, layers):
+    """Take a step of the implicit scheme; returns the number of layers after it."""
+    moment, until = step.duration - step.left, step.left
+    extent = state.extent(buffer)
+    if extent.part < extent.parts:
+        until = time_in_part(buffer, moment, step.left)
+        before_sum = block(buffer, state.AT.stage, K2)
+        sums = block(buffer, state.AT.stage, INTEGRAL)
+        for i in range(sums.size):
+            before_sum[i] = sums[i]
+    step.length = implicit_length(buffer, scene, book, step, layers, until)
+    state.counters(buffer).column_steps += 1
+    rows = book.rows
+    layers = take_implicit(buffer, scene, rows, step.length)
+    if extent.part < extent.parts:
+        add_integral_to_part(buffer, rows, step.length, moment)
+    step.most = max(step.most, rows)
+    if scene.layer_full > scene.layer_load:
+        book.capacity_alarm = 1.0
+    step.fresh = 0
+    return layers
 
 
 @kernel

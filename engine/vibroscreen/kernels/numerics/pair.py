@@ -87,4 +87,4 @@ def pair_step(buffer, scene, layers, h, moment):
         column_rates(
             buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K1 + stage - 1, at
         )
-    return embedded_error(buffer, h, layers, (K3, K4, K5, K6), E1, E3, E4, E5, E6, E7)
+    return embedded_error(buffer, h, layers, (K3, K4, K5, K6), (E1, E3, E4, E5, E6, E7))

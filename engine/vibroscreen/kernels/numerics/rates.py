@@ -132,6 +132,23 @@ def hand_down(change, row, i, flux):
 
 
 @kernel
+def pass_through(load, contact, pace, weight, passing, change):
+    """What passes out of the contact layer, by size into `passing`; its sum, kg/(m2 s).
+
+    weight: P_i, and after it the rates of passage, 1/s.
+    """
+    passes = all_four(0.0)
+    for i in range(0, passing.size, 4):
+        rate = larger(0.0, four(weight, i)) * pace * four(contact, i)
+        put_four(weight, i, rate)
+        leaves = rate * four_in(load, 0, i)
+        put_four(passing, i, leaves)
+        put_four_in(change, 0, i, 0.0 - leaves)
+        passes += leaves
+    return total(passes)
+
+
+@kernel
 def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     """Rates of change of a column, from block `now` into block `rate`, kg/(m2 s).
 
@@ -160,15 +177,7 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
-    passes = all_four(0.0)
-    for i in range(0, nodes, 4):
-        rate_of = larger(0.0, four(weight, i)) * pace * four(contact, i)
-        put_four(weight, i, rate_of)
-        leaves = rate_of * four_in(load, 0, i)
-        put_four(passing, i, leaves)
-        put_four_in(change, 0, i, 0.0 - leaves)
-        passes += leaves
-    lost = total(passes)
+    lost = pass_through(load, contact, pace, weight, passing, change)
     full = scene.contact_load
     settling = lost / scene.layer_full
     for j in range(1, layers):

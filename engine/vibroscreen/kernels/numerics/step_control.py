@@ -130,23 +130,10 @@ def longest_step(scheme, h, fastest):
 
 
 @kernel
-def explicit_length(
-    buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
-):
-    """Find the length of an explicit step that meets the tolerance, its stages done.
-
-    growth: of the top layer, kg/(m2 s); distance: what it gains or loses until a kink, kg/m2; kink:
-    time until then, s. Returns the length [s], the scheme, and the part of the step that lies
-    before a kink; 1: all.
-    """
-    counter = state.counters(buffer)
-    load = block_load(buffer, state.AT.stage, NOW)
-    staged = block_load(buffer, state.AT.stage, STAGED)
-    full = scene.layer_full if layers > 1 else scene.contact_load
-    mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
-    kinks = has_kinks(buffer)
-    margin = MARGIN_SORTED if kinks else MARGIN
-    scheme, h = choose_scheme(buffer, book, fastest, left)
+def planned_length(buffer, scene, book, step, layers, mass):
+    """A first length and scheme of an explicit step; whether it ends, and passes, at a kink."""
+    growth, kink = step.growth, step.kink
+    scheme, h = choose_scheme(buffer, book, step.fastest, step.left)
     cut = 0.0 < kink < STRETCH * h
     passes = cut and growth < 0.0 and follows_share(buffer, layers)
     if passes:
@@ -157,69 +144,108 @@ def explicit_length(
     if cut:
         # A little further, where the rates go on smoothly: it ends at the kink all the same.
         past = PAST * kink if layers > 1 and growth < 0.0 else kink
-        h = min(past, longest_step(scheme, h, fastest), left)
-    landings, first = 0, book.wide == 0.0 and state.extent(buffer).parts > 0.0
-    landed = 1.0
+        h = min(past, longest_step(scheme, h, step.fastest), step.left)
+    step.length, step.scheme, step.landed = h, scheme, 1.0
+    return cut, passes
+
+
+@kernel
+def explicit_length(buffer, scene, book, step, layers):
+    """Find the length of an explicit step that meets the tolerance, its stages done.
+
+    Into `step`: length, scheme, and the part of the step that lies before a kink.
+    """
+    counter = state.counters(buffer)
+    staged = block_load(buffer, state.AT.stage, STAGED)
+    full = scene.layer_full if layers > 1 else scene.contact_load
+    mass = layer_mass(block_load(buffer, state.AT.stage, NOW), layers - 1)
+    miss = miss_of(buffer, layers, step.growth) * full
+    kinks = has_kinks(buffer)
+    first = book.wide == 0.0 and state.extent(buffer).parts > 0
+    cut, passes = planned_length(buffer, scene, book, step, layers, mass)
+    landings = 0
     while True:
-        allowed = margin[scheme] * allowance(buffer, scene, book, h)
-        if scheme == CHAIN:
-            stages = chain_stages(h * fastest)
-            error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
-        else:
-            error = pair_step(buffer, scene, layers, h, moment) / allowed
-            if not kinks and state.extent(buffer).source_terms == 0.0:
-                error *= max(LEAST_HIGHER, HIGHER * h * fastest)
+        h, scheme = step.length, step.scheme
+        allowed = margin_of(scheme, kinks) * allowance(buffer, scene, book, h)
+        error = try_explicit(buffer, scene, step, layers) / allowed
+        if scheme == PAIR and not kinks and state.extent(buffer).source_terms == 0:
+            error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
         moved = abs(layer_mass(staged, layers - 1) - mass)
-        lands = distance > 0.0 and moved > distance + miss * full and landings < 8
+        lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
         if lands and passes:
             most = FORETOLD * OVER_MARGIN * allowance(buffer, scene, book, h)
             lands = misplaced(buffer, scene, layers, STAGED, K7, moved - mass) > most
         if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
-            part = part_to_kink(buffer, layers, h, scheme, distance if growth > 0.0 else -distance)
+            change = step.distance if step.growth > 0.0 else -step.distance
+            part = part_to_kink(buffer, layers, h, scheme, change)
             counter.landings += 1
             cut = True
             if error > 1.0:
-                h *= max(part, LEAST_LANDING)
+                step.length *= max(part, LEAST_LANDING)
                 landings += 1
                 continue
-            landed = part
+            step.landed = part
         fit = h * min(5.0, max(0.2, step_factor(error, scheme)))
-        if error > 1.0 and h > shortest:
+        if error > 1.0 and h > step.shortest:
             counter.column_steps_rejected += 1
-            h = min(fit, 0.9 * h)
+            step.length = min(fit, 0.9 * h)
             cut = False
             continue
         if error > 1.0:
             counter.column_steps_forced += 1
-        if scheme == PAIR:
-            book.pace = max(fit, book.pace) if cut else fit
-            if first:  # of a cohort: the next one begins with it
-                book.first_pace = fit
-            error = third_order_error(buffer, h, layers) * margin[PAIR] / (allowed * MARGIN_WIDE)
-            book.wide = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
-            counter.pair_steps += 1
-        else:
-            # No step was tried that is longer than the chain is stable.
-            fit = min(fit, CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest)
-            book.wide = max(fit, book.wide) if cut else fit
-            counter.chain_steps += 1
-        return h, scheme, landed
+        if first and scheme == PAIR:  # of a cohort: the next one begins with it
+            book.first_pace = fit
+        plan_next(buffer, book, step, layers, fit, allowed, cut)
+        return
 
 
 @kernel
-def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
+def try_explicit(buffer, scene, step, layers):
+    """Do the stages of the step; its error, a part of what was fed."""
+    h, moment = step.length, step.duration - step.left
+    if step.scheme == CHAIN:
+        return chain_step(buffer, scene, layers, h, chain_stages(h * step.fastest), moment)
+    return pair_step(buffer, scene, layers, h, moment)
+
+
+@kernel
+def margin_of(scheme, kinks):
+    """How far above the tolerance the estimate of a scheme may be."""
+    return MARGIN_SORTED[scheme] if kinks else MARGIN[scheme]
+
+
+@kernel
+def plan_next(buffer, book, step, layers, fit, allowed, cut):
+    """Keep the steps that the next ones of the pair and of the chain may have."""
+    counter = state.counters(buffer)
+    if step.scheme == PAIR:
+        book.pace = max(fit, book.pace) if cut else fit
+        margin = margin_of(PAIR, has_kinks(buffer))
+        error = third_order_error(buffer, step.length, layers) * margin / (allowed * MARGIN_WIDE)
+        book.wide = step.length * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
+        counter.pair_steps += 1
+    else:
+        # No step was tried that is longer than the chain is stable.
+        fit = min(fit, CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / step.fastest)
+        book.wide = max(fit, book.wide) if cut else fit
+        counter.chain_steps += 1
+
+
+@kernel
+def implicit_length(buffer, scene, book, step, layers, left):
     """Find the length of an implicit step that meets the tolerance, its trials done; s."""
     counter = state.counters(buffer)
+    moment = step.duration - step.left
     if book.step <= 0.0:
         book.step, book.order = first_step(scene, left), 3
     while True:
         planned, order = book.step, book.order
         h = left if planned > 0.99 * left else min(planned, 0.5 * left)
-        if shortest < kink < h:
-            h = kink
+        if step.shortest < step.kink < h:
+            h = step.kink
         used = try_implicit(buffer, scene, layers, h, moment, book)
-        if used < 0 and h > shortest:
+        if used < 0 and h > step.shortest:
             counter.column_steps_rejected += 1
             continue
         if used < 0:
