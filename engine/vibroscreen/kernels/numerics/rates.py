@@ -98,14 +98,19 @@ def slope_factor(load, row, below, mass, above, share):
 
 
 @kernel
+def faces(buffer):
+    """Loads at the lower and at the upper faces of the layers, by `reconstruct`."""
+    return block_load(buffer, state.AT.trial, LOWER), block_load(buffer, state.AT.trial, UPPER)
+
+
+@kernel
 def reconstruct(buffer, load, layers):
     """Loads as they are at the lower and upper faces of the layers, into two blocks of `trial`.
 
     Mass fractions are linear over a layer with a monotonised central slope, even in the contact
     layer and in the top one. The implicit scheme, whose blocks these are, does without.
     """
-    lower = block_load(buffer, state.AT.trial, LOWER)
-    upper = block_load(buffer, state.AT.trial, UPPER)
+    lower, upper = faces(buffer)
     nodes = load.shape[1]
     for i in range(nodes):
         lower[0, i] = upper[0, i] = load[0, i]
@@ -172,8 +177,7 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     lower, upper = load, load
     if layers > 2 and reconstructed(buffer):
         reconstruct(buffer, load, layers)
-        lower = block_load(buffer, state.AT.trial, LOWER)
-        upper = block_load(buffer, state.AT.trial, UPPER)
+        lower, upper = faces(buffer)
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)

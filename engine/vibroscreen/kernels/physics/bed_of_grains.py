@@ -14,7 +14,7 @@ from vibroscreen.kernels.physics.motion import (
     ROLLS,
     ROWS,
     WAVE,
-    _wave_at,
+    wave_at,
 )
 from vibroscreen.kernels.physics.rigid_body import (
     AIRBORNE,
@@ -46,9 +46,9 @@ def _set_swing(work):
     """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
     wave = view2(work, WAVE, ROWS, 5)
     swing = view2(work, SWING, SWING_STEPS, 2)
-    along, normal, _, _ = _wave_at(wave, 0.0, 1)
+    along, normal, _, _ = wave_at(wave, 0.0, 1)
     for k in range(SWING_STEPS):
-        next_along, next_normal, _, _ = _wave_at(wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1)
+        next_along, next_normal, _, _ = wave_at(wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1)
         swing[k, 0] = next_along - along
         swing[k, 1] = next_normal - normal
         along, normal = next_along, next_normal

@@ -56,7 +56,7 @@ def compose_motion(motion, extra, rotation, harmonic):
 
 
 @kernel
-def _wave_at(wave, phase, derivative):
+def wave_at(wave, phase, derivative):
     """Derivative of order `derivative` of xi and eta, then the next one of both."""
     along = 0.0
     normal = 0.0

@@ -6,22 +6,7 @@ import math
 
 from vibroscreen.kernels.language import entry, kernel, view1, view2
 from vibroscreen.kernels.numerics.elementary import cos, tan
-from vibroscreen.kernels.physics.motion import (
-    BODY,
-    EDGE,
-    EDGES,
-    FORM,
-    GRAVITY,
-    LAW,
-    MAX_EDGES,
-    NODE,
-    ORDER,
-    PAST,
-    PLACE,
-    ROWS,
-    WAVE,
-    _wave_at,
-)
+from vibroscreen.kernels.physics import motion
 
 NODES_FUNDAMENTAL = 16
 NODES_PER_ORDER = 64  # brackets a wiggle of 1e-4 of the amplitude between two nodes
@@ -63,7 +48,7 @@ GAUSS_WEIGHT = (
 @kernel
 def _set_place(wave, phase, place):
     """Phase, xi, xi', eta, eta' of the deck, written to place."""
-    along, normal, along_rate, normal_rate = _wave_at(wave, phase, 0)
+    along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, 0)
     place[0] = phase
     place[1] = along
     place[2] = along_rate
@@ -74,8 +59,8 @@ def _set_place(wave, phase, place):
 @kernel
 def _form_static(work, row, derivative):
     """Law `row` (derivative 2) or its rate (derivative 3) as a function of the phase, for _root."""
-    law = view2(work, LAW, 5, 3)
-    form = view1(work, FORM, 6)
+    law = view2(work, motion.LAW, 5, 3)
+    form = view1(work, motion.FORM, 6)
     form[0] = law[row, 0] if derivative == 2 else 0.0
     form[1] = 0.0
     form[2] = 0.0
@@ -87,9 +72,9 @@ def _form_static(work, row, derivative):
 @kernel
 def _form_motion(work, row, derivative, position, rate):
     """Position (derivative 0) or velocity (1) under law `row` from the body on, for _root."""
-    law = view2(work, LAW, 5, 3)
-    form = view1(work, FORM, 6)
-    body = view1(work, BODY, 15)
+    law = view2(work, motion.LAW, 5, 3)
+    form = view1(work, motion.FORM, 6)
+    body = view1(work, motion.BODY, 15)
     velocity_part = rate - law[row, 1] * body[2] - law[row, 2] * body[4]
     form[3] = law[row, 1]
     form[4] = law[row, 2]
@@ -110,12 +95,12 @@ def _root(work, derivative, low, high, falls, guess):
 
     Newton's method kept inside a shrinking bracket, so it ends; the last step is below 1e-10.
     """
-    wave = view2(work, WAVE, ROWS, 5)
-    form = view1(work, FORM, 6)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
+    form = view1(work, motion.FORM, 6)
     phase = guess
     for _ in range(80):
         time = phase - form[5]
-        along, normal, along_rate, normal_rate = _wave_at(wave, phase, derivative)
+        along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, derivative)
         value = form[0] + time * (form[1] + time * form[2]) + form[3] * along + form[4] * normal
         rate = form[1] + 2.0 * time * form[2] + form[3] * along_rate + form[4] * normal_rate
         if (value > 0.0) == falls:
@@ -137,22 +122,22 @@ def _root(work, derivative, low, high, falls, guess):
 @kernel
 def _add_edge(work, phase):
     """Insert a phase among the edges of the segments, in order."""
-    edge = view2(work, EDGE, MAX_EDGES, 8)
-    count = int(work[EDGES])
-    if count < MAX_EDGES - 1:
+    edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
+    count = int(work[motion.EDGES])
+    if count < motion.MAX_EDGES - 1:
         k = count
         while k > 1 and edge[k - 1, 0] > phase:
             edge[k, 0] = edge[k - 1, 0]
             k -= 1
         edge[k, 0] = phase
-        work[EDGES] = count + 1
+        work[motion.EDGES] = count + 1
 
 
 @kernel
 def _bracket_law(work, row):
     """Add the roots of a law between the two nodes, also a pair around an extremum inside."""
-    law = view2(work, LAW, 5, 3)
-    node = view2(work, NODE, 2, 5)
+    law = view2(work, motion.LAW, 5, 3)
+    node = view2(work, motion.NODE, 2, 5)
     low = node[0, 0]
     high = node[1, 0]
     before = law[row, 0] + law[row, 1] * node[0, 1] + law[row, 2] * node[0, 2]
@@ -170,7 +155,7 @@ def _bracket_law(work, row):
         middle = 0.5 * (low + high)
         _form_static(work, row, 3)
         extremum = _root(work, 3, low, high, rate_before > 0.0, middle)
-        along, normal, _, _ = _wave_at(view2(work, WAVE, ROWS, 5), extremum, 2)
+        along, normal, _, _ = motion.wave_at(view2(work, motion.WAVE, motion.ROWS, 5), extremum, 2)
         if (law[row, 0] + law[row, 1] * along + law[row, 2] * normal > 0.0) != positive:
             _form_static(work, row, 2)
             _add_edge(work, _root(work, 2, low, extremum, positive, 0.5 * (low + extremum)))
@@ -180,11 +165,13 @@ def _bracket_law(work, row):
 @kernel
 def _next_node(work, number, count):
     """Move the pair of nodes on: node 0 takes the values of node 1, node 1 those of `number`."""
-    node = view2(work, NODE, 2, 5)
+    node = view2(work, motion.NODE, 2, 5)
     for k in range(5):
         node[0, k] = node[1, k]
     phase = 2.0 * math.pi * number / count
-    along, normal, along_rate, normal_rate = _wave_at(view2(work, WAVE, ROWS, 5), phase, 2)
+    along, normal, along_rate, normal_rate = motion.wave_at(
+        view2(work, motion.WAVE, motion.ROWS, 5), phase, 2
+    )
     node[1, 0] = phase
     node[1, 1] = along
     node[1, 2] = normal
@@ -201,24 +188,24 @@ def _node_count(order):
 @kernel
 def _find_edges(work):
     """Cut the period into segments in which no law changes its sign; the signs go with them."""
-    law = view2(work, LAW, 5, 3)
-    edge = view2(work, EDGE, MAX_EDGES, 8)
-    wave = view2(work, WAVE, ROWS, 5)
+    law = view2(work, motion.LAW, 5, 3)
+    edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
     edge[0, 0] = 0.0
-    work[EDGES] = 1.0
-    nodes = _node_count(work[ORDER])
+    work[motion.EDGES] = 1.0
+    nodes = _node_count(work[motion.ORDER])
     _next_node(work, 0, nodes)
     for number in range(1, nodes + 1):
         _next_node(work, number, nodes)
         for row in range(3):
             _bracket_law(work, row)
-    count = int(work[EDGES])
+    count = int(work[motion.EDGES])
     edge[count, 0] = 2.0 * math.pi
-    work[EDGES] = count + 1
+    work[motion.EDGES] = count + 1
     for k in range(count + 1):
-        _set_place(wave, edge[k, 0], view1(work, EDGE + 8 * k, 5))
+        _set_place(wave, edge[k, 0], view1(work, motion.EDGE + 8 * k, 5))
         if k < count:
-            along, normal, _, _ = _wave_at(wave, 0.5 * (edge[k, 0] + edge[k + 1, 0]), 2)
+            along, normal, _, _ = motion.wave_at(wave, 0.5 * (edge[k, 0] + edge[k + 1, 0]), 2)
             for row in range(3):
                 value = law[row, 0] + law[row, 1] * along + law[row, 2] * normal
                 edge[k, 5 + row] = 1.0 if value > 0.0 else -1.0
@@ -252,16 +239,16 @@ def _advance(body, place):
 @kernel
 def _friction_loss(work, row, end):
     """Friction work mu n |s'| from the body's phase to `end` while it slips under law `row`."""
-    law = view2(work, LAW, 5, 3)
-    body = view1(work, BODY, 15)
-    wave = view2(work, WAVE, ROWS, 5)
-    panels = 1 + int((end - body[0]) * work[ORDER])
+    law = view2(work, motion.LAW, 5, 3)
+    body = view1(work, motion.BODY, 15)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
+    panels = 1 + int((end - body[0]) * work[motion.ORDER])
     half = 0.5 * (end - body[0]) / panels
     loss = 0.0
     for panel in range(panels):
         for k in range(6):
             phase = body[0] + half * (2 * panel + 1 + GAUSS_POINT[k])
-            along, normal, _, normal_rate = _wave_at(wave, phase, 1)
+            along, normal, _, normal_rate = motion.wave_at(wave, phase, 1)
             slip = body[SLIP] + law[row, 0] * (phase - body[0])
             slip += law[row, 1] * (along - body[2]) + law[row, 2] * (normal - body[4])
             loss += GAUSS_WEIGHT[k] * abs(slip * law[row, 2] * (1.0 + normal_rate))
@@ -271,12 +258,12 @@ def _friction_loss(work, row, end):
 @kernel
 def _slip(work, row, segment):
     """Slip forward (row 1) or back (row 2) to the end of the segment or until it stops."""
-    law = view2(work, LAW, 5, 3)
-    body = view1(work, BODY, 15)
-    place = view1(work, PLACE, 5)
-    end = view1(work, EDGE + 8 * (segment + 1), 5)
+    law = view2(work, motion.LAW, 5, 3)
+    body = view1(work, motion.BODY, 15)
+    place = view1(work, motion.PLACE, 5)
+    end = view1(work, motion.EDGE + 8 * (segment + 1), 5)
     forward = row == 1
-    slows = (work[EDGE + 8 * segment + 5 + row] < 0.0) == forward
+    slows = (work[motion.EDGE + 8 * segment + 5 + row] < 0.0) == forward
     velocity = body[SLIP] + _gain(law, row, body, end)
     stopped = velocity <= 0.0 if forward else velocity >= 0.0
     _advance(place, end)
@@ -284,7 +271,7 @@ def _slip(work, row, segment):
         _form_motion(work, row, 1, 0.0, body[SLIP])
         guess = body[0] + (end[0] - body[0]) * body[SLIP] / (body[SLIP] - velocity)
         phase = _root(work, 1, body[0], end[0], forward, guess)
-        _set_place(view2(work, WAVE, ROWS, 5), phase, place)
+        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), phase, place)
     body[TRAVEL] += _path(law, row, body, place, body[SLIP])
     if body[MEASURED] > 0.0:
         body[LOSS] += _friction_loss(work, row, place[0])
@@ -299,13 +286,13 @@ def _landing(work, segment):
 
     The height is convex where the contact force would be negative and concave elsewhere.
     """
-    law = view2(work, LAW, 5, 3)
-    body = view1(work, BODY, 15)
-    end = view1(work, EDGE + 8 * (segment + 1), 5)
+    law = view2(work, motion.LAW, 5, 3)
+    body = view1(work, motion.BODY, 15)
+    end = view1(work, motion.EDGE + 8 * (segment + 1), 5)
     low = body[0]
     high = end[0]
     height = body[HEIGHT] + _path(law, 4, body, end, body[RISE])
-    if work[EDGE + 8 * segment + 5] > 0.0:
+    if work[motion.EDGE + 8 * segment + 5] > 0.0:
         if height > 0.0:
             return -1.0
         _form_motion(work, 4, 0, body[HEIGHT], body[RISE])
@@ -316,8 +303,8 @@ def _landing(work, segment):
     if rise > 0.0:
         _form_motion(work, 4, 1, 0.0, body[RISE])
         high = _root(work, 1, low, high, False, 0.5 * (low + high))
-        _set_place(view2(work, WAVE, ROWS, 5), high, view1(work, PLACE, 5))
-        if body[HEIGHT] + _path(law, 4, body, view1(work, PLACE, 5), body[RISE]) > 0.0:
+        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), high, view1(work, motion.PLACE, 5))
+        if body[HEIGHT] + _path(law, 4, body, view1(work, motion.PLACE, 5), body[RISE]) > 0.0:
             return -1.0
     _form_motion(work, 4, 0, body[HEIGHT], body[RISE])
     return _root(work, 0, low, high, True, low)
@@ -326,14 +313,14 @@ def _landing(work, segment):
 @kernel
 def _fly(work, segment):
     """Flight to the end of the segment, or to the landing and the plastic impact in it."""
-    law = view2(work, LAW, 5, 3)
-    body = view1(work, BODY, 15)
-    place = view1(work, PLACE, 5)
+    law = view2(work, motion.LAW, 5, 3)
+    body = view1(work, motion.BODY, 15)
+    place = view1(work, motion.PLACE, 5)
     landing = _landing(work, segment)
     if landing >= 0.0:
-        _set_place(view2(work, WAVE, ROWS, 5), landing, place)
+        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), landing, place)
     else:
-        _advance(place, view1(work, EDGE + 8 * (segment + 1), 5))
+        _advance(place, view1(work, motion.EDGE + 8 * (segment + 1), 5))
     velocity = body[SLIP] + _gain(law, 3, body, place)
     rise = body[RISE] + _gain(law, 4, body, place)
     body[TRAVEL] += _path(law, 3, body, place, body[SLIP])
@@ -356,10 +343,10 @@ def _fly(work, segment):
 @kernel
 def _one_period(work):
     """Follow the body through one period of the deck, from phase 0 to phase 0."""
-    body = view1(work, BODY, 15)
-    edge = view2(work, EDGE, MAX_EDGES, 8)
+    body = view1(work, motion.BODY, 15)
+    edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
     body[LEAST] = math.inf
-    for k in range(int(work[EDGES]) - 1):
+    for k in range(int(work[motion.EDGES]) - 1):
         while body[0] < edge[k + 1, 0]:
             if body[FLYING] == 0.0 and edge[k, 5] < 0.0:
                 body[FLYING] = 1.0
@@ -372,15 +359,15 @@ def _one_period(work):
                 _slip(work, 2, k)
             else:
                 body[LEAST] = 0.0
-                _advance(body, view1(work, EDGE + 8 * (k + 1), 5))
-    _advance(body, view1(work, EDGE, 5))
+                _advance(body, view1(work, motion.EDGE + 8 * (k + 1), 5))
+    _advance(body, view1(work, motion.EDGE, 5))
 
 
 @kernel
 def _distance(work, row):
     """Largest difference between the body's state and a past one; infinite if only one flies."""
-    body = view1(work, BODY, 15)
-    past = view2(work, PAST, 3, 4)
+    body = view1(work, motion.BODY, 15)
+    past = view2(work, motion.PAST, 3, 4)
     if body[FLYING] != past[row, 3]:
         return math.inf
     largest = 0.0
@@ -392,8 +379,8 @@ def _distance(work, row):
 @kernel
 def _remember(work, row):
     """Keep the body's state in row `row` of the past."""
-    body = view1(work, BODY, 15)
-    past = view2(work, PAST, 3, 4)
+    body = view1(work, motion.BODY, 15)
+    past = view2(work, motion.PAST, 3, 4)
     for k in range(4):
         past[row, k] = body[SLIP + k]
 
@@ -407,8 +394,8 @@ def _extrapolate(work, scale):
     period changes by the same amount in every period: as many periods as will stay so are skipped.
     No move is longer than `scale`.
     """
-    body = view1(work, BODY, 15)
-    past = view2(work, PAST, 3, 4)
+    body = view1(work, motion.BODY, 15)
+    past = view2(work, motion.PAST, 3, 4)
     if past[0, 3] != body[FLYING] or past[1, 3] != body[FLYING]:
         return False
     flight_step = max(abs(past[1, 1] - past[0, 1]), abs(past[1, 2] - past[0, 2]))
@@ -441,12 +428,12 @@ def _settle(work):
 
     Differences count against the size of the deck's own acceleration and gravity.
     """
-    wave = view2(work, WAVE, ROWS, 5)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
     scale = 1.0
-    for k in range(ROWS):
+    for k in range(motion.ROWS):
         for i in range(1, 5):
             scale += wave[k, 0] * wave[k, 0] * abs(wave[k, i])
-    past = view2(work, PAST, 3, 4)
+    past = view2(work, motion.PAST, 3, 4)
     reference = 0
     _remember(work, 1)
     _remember(work, 2)
@@ -470,7 +457,7 @@ def _settle(work):
 @kernel
 def _measure(work, blocks, periods):
     """Follow the body through blocks of so many periods; the standard deviation of their travel."""
-    body = view1(work, BODY, 15)
+    body = view1(work, motion.BODY, 15)
     for k in range(TRAVEL, MEASURED):
         body[k] = 0.0
     body[MEASURED] = 1.0
@@ -489,12 +476,12 @@ def _measure(work, blocks, periods):
 @kernel
 def _throw_number(work):
     """Largest upward pull of the deck over g cos(alpha) [1]: the maximum of -eta''."""
-    wave = view2(work, WAVE, ROWS, 5)
-    node = view2(work, NODE, 2, 5)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
+    node = view2(work, motion.NODE, 2, 5)
     if wave[0, 0] == 1.0 and wave[1, 0] == 0.0:
         return math.sqrt(wave[0, 3] * wave[0, 3] + wave[0, 4] * wave[0, 4])
     largest = 0.0
-    nodes = _node_count(work[ORDER])
+    nodes = _node_count(work[motion.ORDER])
     _next_node(work, 0, nodes)
     for number in range(1, nodes + 1):
         _next_node(work, number, nodes)
@@ -502,7 +489,7 @@ def _throw_number(work):
             _form_static(work, 0, 3)
             middle = 0.5 * (node[0, 0] + node[1, 0])
             lowest = _root(work, 3, node[0, 0], node[1, 0], False, middle)
-            _, normal, _, _ = _wave_at(wave, lowest, 2)
+            _, normal, _, _ = motion.wave_at(wave, lowest, 2)
             largest = max(largest, -normal)
     return largest
 
@@ -510,10 +497,10 @@ def _throw_number(work):
 @kernel
 def _set_wave(harmonic, scale, work):
     """Rows in use times `scale`, highest order and the laws that do not depend on friction."""
-    wave = view2(work, WAVE, ROWS, 5)
-    law = view2(work, LAW, 5, 3)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
+    law = view2(work, motion.LAW, 5, 3)
     rows = 0
-    for k in range(ROWS):
+    for k in range(motion.ROWS):
         size = 0.0
         for i in range(1, 5):
             size += abs(harmonic[k, i])
@@ -521,9 +508,9 @@ def _set_wave(harmonic, scale, work):
             wave[rows, 0] = harmonic[k, 0]
             for i in range(1, 5):
                 wave[rows, i] = harmonic[k, i] * scale
-            work[ORDER] = max(work[ORDER], harmonic[k, 0])
+            work[motion.ORDER] = max(work[motion.ORDER], harmonic[k, 0])
             rows += 1
-    for k in range(rows, ROWS):
+    for k in range(rows, motion.ROWS):
         for i in range(5):
             wave[k, i] = 0.0
     law[0, 0] = 1.0
@@ -540,12 +527,12 @@ def _set_motion(harmonic, drive, result, work):
     for k in range(7):
         result[k] = 0.0
     speed = 2.0 * math.pi * drive[0]
-    weight = GRAVITY * cos(drive[1])
-    work[ORDER] = 0.0
+    weight = motion.GRAVITY * cos(drive[1])
+    work[motion.ORDER] = 0.0
     if not (drive[0] > 1e-9 and weight > 0.0):
         return False
     _set_wave(harmonic, speed * speed / weight, work)
-    if work[ORDER] == 0.0:
+    if work[motion.ORDER] == 0.0:
         return False
     result[5] = _throw_number(work)
     return True
@@ -554,7 +541,7 @@ def _set_motion(harmonic, drive, result, work):
 @kernel
 def _set_slip_laws(slope, friction, work):
     """Laws of slip forward, slip back and flight along the deck; slope = tan(inclination)."""
-    law = view2(work, LAW, 5, 3)
+    law = view2(work, motion.LAW, 5, 3)
     for k in range(1, 4):
         grip = friction * (2 * k - 3) if k < 3 else 0.0
         law[k, 0] = slope + grip
@@ -565,7 +552,7 @@ def _set_slip_laws(slope, friction, work):
 @kernel
 def _write_result(periods, deviation, weight, velocity_unit, result, work):
     """Means over the measured periods in SI units."""
-    body = view1(work, BODY, 15)
+    body = view1(work, motion.BODY, 15)
     phase = 2.0 * math.pi * periods
     result[0] = velocity_unit * body[TRAVEL] / phase
     result[1] = velocity_unit * deviation / (2.0 * math.pi)
@@ -597,7 +584,7 @@ def rigid_body(harmonic, drive, result, work):
     if not _set_motion(harmonic, drive, result, work):
         return
     speed = 2.0 * math.pi * drive[0]
-    weight = GRAVITY * cos(drive[1])
+    weight = motion.GRAVITY * cos(drive[1])
     throw = result[5]
     slope = tan(drive[1])
     if not abs(slope) < drive[2]:
@@ -606,8 +593,8 @@ def rigid_body(harmonic, drive, result, work):
     _set_slip_laws(slope, drive[2], work)
     _find_edges(work)
     for k in range(15):
-        work[BODY + k] = 0.0
-    _advance(view1(work, BODY, 15), view1(work, EDGE, 5))
+        work[motion.BODY + k] = 0.0
+    _advance(view1(work, motion.BODY, 15), view1(work, motion.EDGE, 5))
     regime = _settle(work)
     blocks = 1 if regime > 0 else BLOCKS
     periods = regime if regime > 0 else _block_periods(throw)
