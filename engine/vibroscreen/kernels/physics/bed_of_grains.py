@@ -26,9 +26,9 @@ from vibroscreen.kernels.physics.rigid_body import (
     RISE,
     SLIP,
     TRAVEL,
-    _block_periods,
-    _set_motion,
-    _write_result,
+    block_periods,
+    set_motion,
+    write_result,
 )
 
 # the bed needs no edges: their place holds what it needs
@@ -192,7 +192,7 @@ def _settle_slip(work, periods, slope, landing, grip, drag):
 @entry("void(matrix, vector, vector, vector)")
 def solve_bed(harmonic, drive, result, work):
     """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
-    if not _set_motion(harmonic, drive, result, work):
+    if not set_motion(harmonic, drive, result, work):
         return
     throw = result[5]
     weight = GRAVITY * cos(drive[1])
@@ -205,9 +205,9 @@ def solve_bed(harmonic, drive, result, work):
     _set_swing(work)
     for k in range(15):
         work[BODY + k] = 0.0
-    periods = _settle_landing(work, landing, _block_periods(throw))
+    periods = _settle_landing(work, landing, block_periods(throw))
     _settle_slip(work, periods, slope, landing, grip, drag)
-    _write_result(periods, 0.0, weight, velocity_unit, result, work)
+    write_result(periods, 0.0, weight, velocity_unit, result, work)
     if result[6] == 0.0 and (slope > grip or throw > BED_THROW):
         result[6] = 3.0
 

@@ -522,7 +522,7 @@ def _set_wave(harmonic, scale, work):
 
 
 @kernel
-def _set_motion(harmonic, drive, result, work):
+def set_motion(harmonic, drive, result, work):
     """Clear the result, set the wave and the throw number; False if the deck is at rest."""
     for k in range(7):
         result[k] = 0.0
@@ -550,7 +550,7 @@ def _set_slip_laws(slope, friction, work):
 
 
 @kernel
-def _write_result(periods, deviation, weight, velocity_unit, result, work):
+def write_result(periods, deviation, weight, velocity_unit, result, work):
     """Means over the measured periods in SI units."""
     body = view1(work, motion.BODY, 15)
     phase = 2.0 * math.pi * periods
@@ -563,7 +563,7 @@ def _write_result(periods, deviation, weight, velocity_unit, result, work):
 
 
 @kernel
-def _block_periods(throw):
+def block_periods(throw):
     """Periods to measure an irregular regime: more where a flight may last longer."""
     return BLOCK_PERIODS * (1 + int(min(throw, 128.0) / 8.0))
 
@@ -581,7 +581,7 @@ def rigid_body(harmonic, drive, result, work):
     after rest at phase 0, and the spread is the standard deviation of the velocities of 16 blocks
     of 8 periods (blocks are longer where a flight may last longer, above throw number 8).
     """
-    if not _set_motion(harmonic, drive, result, work):
+    if not set_motion(harmonic, drive, result, work):
         return
     speed = 2.0 * math.pi * drive[0]
     weight = motion.GRAVITY * cos(drive[1])
@@ -597,6 +597,6 @@ def rigid_body(harmonic, drive, result, work):
     _advance(view1(work, motion.BODY, 15), view1(work, motion.EDGE, 5))
     regime = _settle(work)
     blocks = 1 if regime > 0 else BLOCKS
-    periods = regime if regime > 0 else _block_periods(throw)
+    periods = regime if regime > 0 else block_periods(throw)
     deviation = _measure(work, blocks, periods)
-    _write_result(blocks * periods, deviation / periods, weight, weight / speed, result, work)
+    write_result(blocks * periods, deviation / periods, weight, weight / speed, result, work)
