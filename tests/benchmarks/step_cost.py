@@ -158,7 +158,7 @@ class Scene:
             self.screen.view("switch")[state.SWITCH.index(off)] = 0.0
         self.rng = np.random.default_rng(1)
         self.inputs, self.fraction = self.screen.record("input"), self.screen.view("fraction")
-        self.parameter = self.screen.view("parameter")
+        self.parameter = self.screen.record("parameter")
         self.duty = np.array(config.feed.mass_fraction)
         self.full = self.residence_time = 0.0
 
