@@ -85,24 +85,34 @@ def is_future(line: ast.stmt) -> bool:
     return isinstance(line, ast.ImportFrom) and line.module == "__future__"
 
 
-def example_page(script: Path) -> str:
-    """A page for a script: the question that its docstring asks, its picture, its lines."""
-    tree = ast.parse(script.read_text(encoding="utf-8"))
-    docstring = ast.get_docstring(tree) or script.stem
-    code = next(line.lineno for line in tree.body[1:] if not is_future(line))
-    question, _, rest = docstring.partition("\n\n")
-    question, mark, more = " ".join(question.split()).partition("?")
-    rest = f"{more.strip()}\n\n{rest}"
-    rest = re.sub(r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", rest)
-    picture = script.with_suffix(".png")
-    shown = f"![{picture.stem}](../../../plant_examples/{picture.name})" if picture.exists() else ""
-    path = f"../../../plant_examples/{script.name}"
-    return (
-        f"# {question}{mark}\n\n{rest}\n\n{shown}\n\n"
-        f"The script is `plant_examples/{script.name}`.\n\n"
-        f"```{{literalinclude}} {path}\n:language: python\n:lines: {code}-\n"
-        "```\n"
-    )
+class Example:
+    """A script: the question that its docstring asks, what it says of it, its picture."""
+
+    def __init__(self, script: Path) -> None:
+        tree = ast.parse(script.read_text(encoding="utf-8"))
+        first, _, rest = (ast.get_docstring(tree) or script.stem).partition("\n\n")
+        question, mark, more = " ".join(first.split()).partition("?")
+        self.name = script.stem
+        self.question = question + mark
+        self.text = re.sub(
+            r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", f"{more.strip()}\n\n{rest}"
+        )
+        self.code = next(line.lineno for line in tree.body[1:] if not is_future(line))
+        self.path = f"../../../{script.relative_to(ROOT).as_posix()}"
+        pictures = (EXAMPLES / f"{self.name}.png", ENGINE / "validation" / f"{self.name}.png")
+        found = next((picture for picture in pictures if picture.exists()), None)
+        self.picture = f"![](../../../{found.relative_to(ROOT).as_posix()})" if found else ""
+
+    def page(self) -> str:
+        return (
+            f"# {self.question}\n\n{self.text}\n\n{self.picture}\n\n"
+            f"The script is `plant_examples/{self.name}.py`.\n\n"
+            f"```{{literalinclude}} {self.path}\n:language: python\n:lines: {self.code}-\n```\n"
+        )
+
+    def card(self) -> str:
+        picture = f"[{self.picture}]({self.name}.md)\n\n" if self.picture else ""
+        return f"## [{self.question}]({self.name}.md)\n\n{picture}`{self.name}.py`\n\n"
 
 
 def first_of_each(port: Port) -> bool:
@@ -146,16 +156,18 @@ def display_unit(port: Port) -> str:
 def write_pages(app: Sphinx) -> None:
     folder = HERE / "examples"
     folder.mkdir(exist_ok=True)
-    scripts = sorted(EXAMPLES.glob("*.py"))
+    examples = [Example(script) for script in sorted(EXAMPLES.glob("*.py"))]
     for page in folder.glob("*.md"):
         page.unlink()
-    for script in scripts:
-        put(folder / f"{script.stem}.md", example_page(script))
-    names = "\n".join(script.stem for script in scripts)
+    for example in examples:
+        put(folder / f"{example.name}.md", example.page())
+    names = "\n".join(example.name for example in examples)
     put(
         folder / "index.md",
         "# Plant questions\n\nEach example asks one question of a plant and answers it in its last "
-        f"line. They lie in `plant_examples/`.\n\n```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
+        "line. They lie in `plant_examples/`.\n\n"
+        + "".join(example.card() for example in examples)
+        + f"```{{toctree}}\n:hidden:\n\n{names}\n```\n",
     )
     put(HERE / "fmu_variables.md", variables_page())
 
