@@ -15,17 +15,12 @@ matrix of the crusher. A tool that couples right finds it to the accuracy of the
 from __future__ import annotations
 
 import shutil
-import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
-from lxml import etree
 
 from closed_circuit import (
     CLOSED_SIDE_SETTING,
@@ -34,9 +29,10 @@ from closed_circuit import (
     FEED_SIZE,
     ROOT,
     SCHEDULE,
-    rosin_rammler,
 )
+from components.coupling import Wire, step_along, write_archive
 from components.crusher import ConeCrusher
+from components.feed import rosin_rammler
 from components.fmus import conveyor_model, crusher_model, mixer_model
 from components.mixer import Rates
 from vibroscreen.config import ScreenConfig
@@ -65,10 +61,6 @@ STREAMS = (
 # What a run is judged by, at its end.
 OVERSIZE = ("screen", "oversize.mass_flow_rate")
 PRODUCT = ("screen", "undersize.mass_flow_rate")
-STARTED = 0.0
-
-SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
-SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 
 
 def write_circuit(folder: Path, screen: Path | None = None) -> dict[str, Path]:
@@ -89,8 +81,8 @@ def write_circuit(folder: Path, screen: Path | None = None) -> dict[str, Path]:
     }
 
 
-def connections(classes: int) -> Iterator[tuple[str, str, str, str]]:
-    """Element, output, element, input of every connected variable."""
+def connections(classes: int) -> Iterator[Wire]:
+    """Every connected variable of the streams."""
     variables = ("mass_flow_rate", *(f"mass_fraction[{i}]" for i in range(1, classes + 1)))
     for source, output, target, given in STREAMS:
         for variable in variables:
@@ -98,52 +90,15 @@ def connections(classes: int) -> Iterator[tuple[str, str, str, str]]:
 
 
 def write_ssp(path: Path, fmus: Mapping[str, Path]) -> Path:
-    """Write the circuit as an SSP 1.0 archive: elements, connectors and connections."""
+    """Write the circuit as an SSP archive."""
     wires = tuple(connections(ScreenConfig.default().size_classes.count))
-    root = etree.Element(
-        f"{{{SSD}}}SystemStructureDescription",
-        {"name": "closed_circuit", "version": "1.0"},
-        nsmap={"ssd": SSD, "ssc": SSC},
-    )
-    system = etree.SubElement(root, f"{{{SSD}}}System", name="closed_circuit")
-    elements = etree.SubElement(system, f"{{{SSD}}}Elements")
-    for element, fmu in fmus.items():
-        component = etree.SubElement(
-            elements,
-            f"{{{SSD}}}Component",
-            name=element,
-            type="application/x-fmu-sharedlibrary",
-            source=f"resources/{fmu.name}",
-        )
-        connectors = etree.SubElement(component, f"{{{SSD}}}Connectors")
-        outputs = dict.fromkeys(name for source, name, _, _ in wires if source == element)
-        outputs |= dict.fromkeys(name for owner, name in (OVERSIZE, PRODUCT) if owner == element)
-        inputs = [name for _, _, target, name in wires if target == element]
-        for kind, names in (("output", outputs), ("input", inputs)):
-            for name in names:
-                connector = etree.SubElement(
-                    connectors, f"{{{SSD}}}Connector", name=name, kind=kind
-                )
-                etree.SubElement(connector, f"{{{SSC}}}Real")
-    connected = etree.SubElement(system, f"{{{SSD}}}Connections")
-    for source, output, target, given in wires:
-        etree.SubElement(
-            connected,
-            f"{{{SSD}}}Connection",
-            startElement=source,
-            startConnector=output,
-            endElement=target,
-            endConnector=given,
-        )
-    etree.SubElement(
-        root, f"{{{SSD}}}DefaultExperiment", startTime=str(STARTED), stopTime=str(DURATION)
-    )
-    xml = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("SystemStructure.ssd", xml)
-        for fmu in fmus.values():
-            archive.write(fmu, f"resources/{fmu.name}")
-    return path
+    return write_archive(path, fmus, wires, (OVERSIZE, PRODUCT), DURATION)
+
+
+def run(fmus: Mapping[str, Path], step: float = STEP, duration: float = DURATION) -> float:
+    """Circulating load at the end, 1: element by element along the streams."""
+    wires = tuple(connections(ScreenConfig.default().size_classes.count))
+    return step_along(fmus, wires, OVERSIZE, round(duration / step), step) / FRESH_FEED
 
 
 def expected_load() -> float:
@@ -161,49 +116,6 @@ def expected_load() -> float:
         feed = Feed(float(rates.sum()), tuple((rates / rates.sum()).tolist()))
         oversize = screen.solve_steady(feed).oversize.class_rates
     return float(oversize.sum() / FRESH_FEED)
-
-
-@contextmanager
-def running(fmu: Path, name: str) -> Iterator[tuple[FMU2Slave, dict[str, int]]]:
-    """An instance of an FMU that has started, and the references of its variables."""
-    description = read_model_description(str(fmu))
-    folder = extract(str(fmu))
-    slave = FMU2Slave(
-        guid=description.guid,
-        unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName=name,
-    )
-    try:
-        slave.instantiate(loggingOn=True)
-        slave.setupExperiment(startTime=STARTED)
-        slave.enterInitializationMode()
-        slave.exitInitializationMode()
-        yield slave, {v.name: v.valueReference for v in description.modelVariables}
-        slave.terminate()
-    finally:
-        slave.freeInstance()
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def run(fmus: Mapping[str, Path], step: float = STEP, duration: float = DURATION) -> float:
-    """Circulating load at the end, 1: element by element along the streams."""
-    wires = tuple(connections(ScreenConfig.default().size_classes.count))
-    with ExitStack() as stack:
-        units = {name: stack.enter_context(running(fmu, name)) for name, fmu in fmus.items()}
-        links = []
-        for source, _, target, _ in STREAMS:
-            between = [(o, i) for s, o, t, i in wires if (s, t) == (source, target)]
-            outputs = [units[source][1][name] for name, _ in between]
-            inputs = [units[target][1][name] for _, name in between]
-            links.append((units[source][0], outputs, units[target][0], inputs))
-        for count in range(round(duration / step)):
-            for slave, outputs, follower, inputs in links:
-                slave.doStep(count * step, step)
-                follower.setReal(inputs, slave.getReal(outputs))
-        slave, reference = units[OVERSIZE[0]]
-        (oversize,) = slave.getReal([reference[OVERSIZE[1]]])
-    return float(oversize / FRESH_FEED)
 
 
 def main(

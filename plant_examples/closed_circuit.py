@@ -17,35 +17,36 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
-import numpy as np
 import pandas as pd
 import typer
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher
+from components.feed import rosin_rammler
 from components.mixer import Rates, mix
-from components.screen_fmu import ScreenFmu, ScreenStep
-from vibroscreen.units import KW, KWH_T, MINUTE, MM, PERCENT, T_H, TONNE
+from components.regimes import (
+    CRUSHER,
+    ENERGY,
+    FRESH,
+    LOAD,
+    PRODUCT,
+    SCREEN,
+    SETTLED,
+    Circuit,
+    Regime,
+    by_step,
+    circuit_of,
+    show,
+)
+from components.screen_fmu import RunningScreen, ScreenFmu
+from vibroscreen.units import MM, T_H
 
 ROOT = Path(__file__).resolve().parents[1]
-
-
-@dataclass(frozen=True)
-class Regime:
-    """What the operator sets for a while: fresh feed kg/s, frequency of the screen Hz, time s."""
-
-    name: str
-    fresh_feed: float
-    frequency: float
-    duration: float = 15 * MINUTE
-
 
 SCHEDULE = (
     Regime("300 t/h, 15.5 Hz", 300 * T_H, 15.5),
@@ -56,50 +57,18 @@ STEP = 1.0  # s, communication step
 CLOSED_SIDE_SETTING = 14 * MM
 CONVEYOR_DELAY = 40.0  # s: 60 m of belt at 1.5 m/s
 FEED_SIZE, FEED_EXPONENT = 40 * MM, 1.1  # Rosin-Rammler, an assumed jaw crusher product
-AVERAGED = MINUTE  # the end of a regime that its numbers are means of, about one turn
-SETTLED = 0.01  # the product has settled when it stays within this share of its mean at the end
-
-FRESH, PRODUCT, LOAD = "fresh feed, t/h", "product, t/h", "circulating load, %"
-CRUSHER, SCREEN, ENERGY = "crusher, kW", "screen, kW", "energy, kWh/t of product"
 
 
-class Screen(Protocol):
-    """What the circuit needs of a screen: limits of its size classes, m; mass on it, kg; a step."""
-
-    edges: Rates
-    hold_up: float
-
-    def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
-        """Screen a feed (kg/s by class) for `step` seconds."""
-
-
-@dataclass(frozen=True)
-class Circuit:
-    """What a run gave."""
-
-    history: pd.DataFrame  # a row per step, SI units
-    regimes: pd.DataFrame  # a row per regime, plant units
-    fed: float  # kg
-    balance_error: float  # fed - product - gain of what is held, kg
-    alarms: dict[str, float]  # of the screen, how long each was set, s
-
-
-def rosin_rammler(edges: Rates, size: float, exponent: float) -> Rates:
-    """Mass fraction by class of a feed with 63.2 % finer than `size` m, cut off at the top."""
-    passing = -np.expm1(-((edges / size) ** exponent))
-    return np.diff(passing / passing[-1])
-
-
-def run(screen: Screen, schedule: tuple[Regime, ...] = SCHEDULE, step: float = STEP) -> Circuit:
+def run(
+    screen: RunningScreen, schedule: tuple[Regime, ...] = SCHEDULE, step: float = STEP
+) -> Circuit:
     """Start empty and go through the regimes in steps (s) no longer than the conveyor's delay."""
     crusher = ConeCrusher(screen.edges, CLOSED_SIDE_SETTING)
     conveyor = Conveyor(CONVEYOR_DELAY, classes=screen.edges.size - 1)
-    if len({regime.name for regime in schedule}) < len(schedule):
-        raise ValueError("schedule names two regimes alike: give each its own name")
     fresh_composition = rosin_rammler(screen.edges, FEED_SIZE, FEED_EXPONENT)
-    plan = [regime for regime in schedule for _ in range(round(regime.duration / step))]
-    rows, alarms, held_at_start = [], Counter[str](), screen.hold_up
-    for number, regime in enumerate(track(plan, "closed circuit", transient=True), start=1):
+    rows, alarms, held = [], Counter[str](), screen.hold_up
+    plan = track(by_step(schedule, step), "closed circuit", transient=True)
+    for number, regime in enumerate(plan, start=1):
         fresh = regime.fresh_feed * fresh_composition
         returned = conveyor.unload(step)
         crusher_feed = mix(fresh, returned)
@@ -119,52 +88,7 @@ def run(screen: Screen, schedule: tuple[Regime, ...] = SCHEDULE, step: float = S
                 "held": screen.hold_up + conveyor.held.sum(),
             }
         )
-    history = pd.DataFrame(rows)
-    fed, product = step * history["fresh feed"].sum(), step * history["product"].sum()
-    balance_error = fed - product - (history["held"].iloc[-1] - held_at_start)
-    alarm_times = {name: count * step for name, count in alarms.items()}
-    return Circuit(history, summary(history), fed, balance_error, alarm_times)
-
-
-def summary(history: pd.DataFrame) -> pd.DataFrame:
-    """The end of each regime in plant units, a row per regime."""
-    regimes = history.groupby("regime", sort=False)["time"]
-    elapsed = history["time"] - regimes.transform("min")
-    left = regimes.transform("max") - history["time"]
-    means = history[left < AVERAGED].groupby("regime", sort=False).mean()
-    final = history["regime"].map(means["product"])
-    away = (history["product"] - final).abs() > SETTLED * final
-    settled = elapsed[away].groupby(history["regime"]).max().reindex(means.index, fill_value=0.0)
-    power = means["crusher power"] + means["screen power"]
-    return pd.DataFrame(
-        {
-            FRESH: means["fresh feed"] / T_H,
-            "crusher feed, t/h": means["crusher feed"] / T_H,
-            PRODUCT: means["product"] / T_H,
-            "oversize, t/h": means["oversize"] / T_H,
-            LOAD: means["oversize"] / means["fresh feed"] / PERCENT,
-            CRUSHER: means["crusher power"] / KW,
-            SCREEN: means["screen power"] / KW,
-            ENERGY: power / means["product"] / KWH_T,
-            "settled after, min": settled / MINUTE,
-        }
-    )
-
-
-def report(circuit: Circuit) -> None:
-    """Print the regimes side by side, the balance, and last the answer."""
-    regimes = circuit.regimes
-    table = Table("mean of the last minute", title="Closed crushing circuit")
-    for name in regimes.index:
-        table.add_column(str(name), justify="right")
-    for quantity in regimes.columns:
-        table.add_row(quantity, *(f"{value:.4g}" for value in regimes[quantity]))
-    console = Console()
-    console.print(table)
-    console.print(f"fed {circuit.fed / TONNE:.1f} t, balance error {circuit.balance_error:.1e} kg")
-    for alarm, time in circuit.alarms.items():
-        console.print(f"{alarm} was set for {time / MINUTE:.1f} min")
-    console.print(answer(regimes), soft_wrap=True, highlight=False)
+    return circuit_of(rows, alarms, step, held)
 
 
 def answer(regimes: pd.DataFrame) -> str:
@@ -184,6 +108,13 @@ def answer(regimes: pd.DataFrame) -> str:
         f"{change(screen)}, the crusher {change(crusher)} at a load of {load[2]:.0f} %, from "
         f"{energy[1]:.3f} to {energy[2]:.3f} kWh/t."
     )
+
+
+def report(circuit: Circuit) -> None:
+    """Print the regimes side by side, the balance, and last the answer."""
+    console = Console()
+    show(circuit, console)
+    console.print(answer(circuit.regimes), soft_wrap=True, highlight=False)
 
 
 def main(

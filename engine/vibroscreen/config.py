@@ -41,7 +41,7 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.kernels import registry
-from vibroscreen.kernels.displacement import BED_CONSTANTS, bed_friction
+from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
 from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses

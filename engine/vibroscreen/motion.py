@@ -12,16 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
-from vibroscreen.kernels.displacement import (
-    BED_CONSTANTS,
-    CONSTANT,
-    MAX_ORDER,
-    ROWS,
-    WORK_SIZE,
-    compose_motion,
-    rigid_body,
-    solve_bed,
-)
+from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, solve_bed
+from vibroscreen.kernels.physics.motion import CONSTANT, MAX_ORDER, ROWS, WORK_SIZE, compose_motion
+from vibroscreen.kernels.physics.rigid_body import rigid_body
 from vibroscreen.units import DEG
 
 __all__ = ["ConveyingRegime", "Harmonic", "Motion", "conveying_regime", "transport_velocity"]

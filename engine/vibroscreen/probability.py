@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from vibroscreen.errors import InputError
 from vibroscreen.kernels import state
 from vibroscreen.kernels.language import Row
-from vibroscreen.kernels.passage import gaudin, pelevin
-from vibroscreen.kernels.segregation import gap_open_area, gap_radius
+from vibroscreen.kernels.physics.gaudin import gaudin
+from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
+from vibroscreen.kernels.physics.pelevin import pelevin
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
 from vibroscreen.kernels import registry, state
-from vibroscreen.kernels.classes import most_nodes
-from vibroscreen.kernels.displacement import WORK_SIZE
+from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
+from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.state import Layout
 from vibroscreen.kernels.steady import FEED_RATE

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import Number, Numbers, check_fields, number, of
-from vibroscreen.kernels.classes import (
+from vibroscreen.kernels.bed.classes import (
     LEAST_PASSAGE,
     LEAST_PERCOLATION,
     build_nodes,
     most_nodes,
 )
 from vibroscreen.kernels.language import Row
-from vibroscreen.kernels.segregation import EXCHANGE
+from vibroscreen.kernels.physics.segregation import EXCHANGE
 from vibroscreen.kernels.state import PARAMETER
 from vibroscreen.units import MM
 

@@ -17,7 +17,7 @@ import sys
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
@@ -167,7 +167,7 @@ class Engine:
             return {}
         home = self.package[KERNELS]
         texts = {
-            name.removeprefix(f"{home}/"): text
+            name.rpartition("/")[2]: text
             for name, text in self.sources.items()
             if name.startswith(f"{home}/")
         }
@@ -206,14 +206,15 @@ def engine(slave: str = SLAVE) -> Engine:
     for part in parts:
         # Later parts import earlier ones: their names are part of the text that is hashed.
         texts = {
-            _place(name, path, part): _vendored(path.read_bytes(), package)
+            _place(name, part): _vendored(path.read_bytes(), package)
             for name, path in modules.items()
             if _part_of(name, parts) == part
         }
         if not texts:
             continue
         # What a package gives to its users by name is for people.
-        texts["__init__.py"] = b""
+        folders = {str(parent) for place in texts for parent in PurePosixPath(place).parents}
+        texts |= {f"{folder}/__init__.py".removeprefix("./"): b"" for folder in folders}
         tag = _hash(*(piece for place in sorted(texts) for piece in (place.encode(), texts[place])))
         package[part] = f"{part.replace('.', '_')}_{tag}"
         within = {part: package[part]}
@@ -406,11 +407,9 @@ def _part_of(module: str, parts: tuple[str, ...]) -> str:
     return next(part for part in parts if f"{module}.".startswith(f"{part}."))
 
 
-def _place(module: str, path: Path, part: str) -> str:
+def _place(module: str, part: str) -> str:
     """Path of a module's file below the package that its part becomes."""
-    below = module.removeprefix(f"{part}.")
-    assert "." not in below, f"{path} lies in a package inside of {part}: list it as a part"
-    return f"{below}.py"
+    return f"{module.removeprefix(f'{part}.').replace('.', '/')}.py"
 
 
 def _vendored(source: bytes, package: Mapping[str, str]) -> bytes:

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from fmpy import extract, read_model_description
@@ -21,7 +21,7 @@ from fmpy.fmi2 import (
 
 from components.mixer import Rates, composition
 
-__all__ = ["RefusedStepError", "ScreenFmu", "ScreenStep"]
+__all__ = ["RefusedStepError", "RunningScreen", "ScreenFmu", "ScreenStep"]
 
 ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
 
@@ -38,6 +38,16 @@ class ScreenStep:
     oversize: Rates
     power: float  # electric, W
     alarms: tuple[str, ...] = ()
+
+
+class RunningScreen(Protocol):
+    """What a circuit needs of a screen: limits of its size classes, m; mass on it, kg; a step."""
+
+    edges: Rates
+    hold_up: float
+
+    def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
+        """Screen a feed (kg/s by class) for `step` seconds."""
 
 
 class ScreenFmu:

@@ -32,8 +32,9 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.language import Row, kernel, record
-from vibroscreen.kernels.passage import passage_probability
-from vibroscreen.kernels.segregation import layer_mass, segregate
+from vibroscreen.kernels.physics.layer import layer_mass
+from vibroscreen.kernels.physics.passage import passage_probability
+from vibroscreen.kernels.physics.segregation import segregate
 from vibroscreen.screen import Inputs
 
 Array = NDArray[np.float64]

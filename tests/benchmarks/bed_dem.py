@@ -1,15 +1,15 @@
 """How fast does a bed of spheres ride? A small particle simulation (DEM) of a vibrating plate.
 
-The set-up of `plant_examples/data/dem_conveying.csv`, which was run in LIGGGHTS: spheres of 3.6, 4.4
-and 5.0 mm (mass 0.3, 0.4, 0.3), 2650 kg/m3, on a flat plate of 50 x 25 mm, periodic, in the frame of
-the plate's mean position. Contacts: Hertz, E = 10 MPa, Poisson's ratio 0.3, tangential history with
-Coulomb's limit, rolling friction 0.3 at constant torque, the same between spheres and on the plate.
-The bed settles for 0.3 s, then the plate vibrates for 3 s from rest; the velocity of the second
-half of the last two seconds counts.
+The set-up of `dem_conveying.csv` in engine/validation/data, which was run in LIGGGHTS: spheres of
+3.6, 4.4 and 5.0 mm (mass 0.3, 0.4, 0.3), 2650 kg/m3, on a flat plate of 50 x 25 mm, periodic, in
+the frame of the plate's mean position. Contacts: Hertz, E = 10 MPa, Poisson's ratio 0.3, tangential
+history with Coulomb's limit, rolling friction 0.3 at constant torque, the same between spheres and
+on the plate. The bed settles for 0.3 s, then the plate vibrates for 3 s from rest; the velocity of
+the second half of the last two seconds counts.
 
-`python tests/benchmarks/bed_dem.py` runs every row of `plant_examples/data/bed_velocity_dem.csv`
-anew and writes its velocities: some 10 s a row. Beds are chaotic: seeds differ by about 5 %.
-`--rows 20` runs the first twenty and prints them beside those of the file.
+`python tests/benchmarks/bed_dem.py` runs every row of `bed_velocity_dem.csv` there anew and writes
+its velocities: some 10 s a row. Beds are chaotic: seeds differ by about 5 %. `--rows 20` runs the
+first twenty and prints them beside those of the file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ import numpy as np
 import pandas as pd
 from numba import njit
 
-CASES = Path(__file__).resolve().parents[2] / "plant_examples" / "data" / "bed_velocity_dem.csv"
+DATA = Path(__file__).resolve().parents[2] / "engine" / "validation" / "data"
+CASES = DATA / "bed_velocity_dem.csv"
 GRAVITY = 9.81
 LENGTH, WIDTH = 0.050, 0.025  # m, of the periodic patch
 DIAMETERS, MASS_SHARES, DENSITY = np.array([3.6e-3, 4.4e-3, 5.0e-3]), (0.3, 0.4, 0.3), 2650.0

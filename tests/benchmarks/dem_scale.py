@@ -30,10 +30,10 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
 Row = dict[str, Any]
-ROOT = Path(__file__).resolve().parents[2]
-BATCH = ROOT / "tests" / "data" / "dem_batch_sieving.csv"
+DATA = Path(__file__).resolve().parents[2] / "engine" / "validation" / "data"
+BATCH = DATA / "dem_batch_sieving.csv"
 SPHERE = 2650.0  # kg/m3, of a sphere
-SOLIDS = 0.58  # solids fraction at rest (data/README.md)
+SOLIDS = 0.58  # solids fraction at rest (README.md of DATA)
 
 # Case S1 of dem_batch_sieving.csv: LIGGGHTS 3.8.0, one core, 2317 spheres, 4 s of sieving.
 S1_SECONDS, S1_TIME, S1_PLATE = 69.0, 4.0, 0.110

@@ -46,9 +46,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from build_fmu import build
-from tests import native
 from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import quarry_screen, refined
+from tests.fmu import native
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import (
     QUARRY_EDGES,
@@ -158,7 +158,7 @@ class Scene:
             self.screen.view("switch")[state.SWITCH.index(off)] = 0.0
         self.rng = np.random.default_rng(1)
         self.inputs, self.fraction = self.screen.record("input"), self.screen.view("fraction")
-        self.parameter = self.screen.view("parameter")
+        self.parameter = self.screen.record("parameter")
         self.duty = np.array(config.feed.mass_fraction)
         self.full = self.residence_time = 0.0
 
@@ -700,7 +700,7 @@ def edge_cost(effort: Effort) -> dict[str, float]:
 
 
 def native_cost(effort: Effort) -> dict[str, float]:
-    """Cost of the native runtime, driven by a program in C (tests/replay.c), processor time.
+    """Cost of the native runtime, driven by a program in C (tests/fmu/replay.c), processor time.
 
     An instance with its first step [ms], a steady step with 40 values set and 40 got [us], and a
     day in steps of 1 s [s]: under a steady feed, and under one that wanders.

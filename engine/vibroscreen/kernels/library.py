@@ -60,7 +60,7 @@ def cache_folder() -> Path:
 def sources() -> list[Path]:
     """The files of the kernels, and of what compiles them and makes a library of them."""
     beside = (NATIVE / name for name in MAKERS)
-    found = [*FOLDER.glob("*.py"), *(path for path in beside if path.exists())]
+    found = [*sorted(FOLDER.rglob("*.py")), *(path for path in beside if path.exists())]
     return [path for path in found if path.name not in NO_KERNELS]
 
 

@@ -32,7 +32,8 @@ from numba.extending import (
     typeof_impl,
 )
 
-from vibroscreen.kernels import fours, language, state
+from vibroscreen.kernels import language, state
+from vibroscreen.kernels.numerics import fours
 
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")

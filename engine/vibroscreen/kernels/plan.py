@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 from vibroscreen.kernels import state
+from vibroscreen.kernels.bed.place import panel_count
 from vibroscreen.kernels.language import entry, kernel
-from vibroscreen.kernels.place import panel_count
 from vibroscreen.kernels.steady import place_nodes
 
 # A package is never longer than this part of the deck, less where the tolerance asks for it: what

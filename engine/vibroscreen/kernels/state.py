@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from vibroscreen.kernels.fours import in_fours
 from vibroscreen.kernels.language import Places, Record, Row, kernel, record, view1, view2
+from vibroscreen.kernels.numerics.fours import in_fours
 
 # --- scalars of a vector field, in order -------------------------------------------------------
 PARAMETER = Record(
@@ -203,7 +203,6 @@ COUNTER = Record(
     "column_steps_forced",
     "pair_steps",
     "chain_steps",
-    "stabilised_steps",
     "landings",
     "rates",
     "sub_steps",

@@ -7,10 +7,9 @@ from the knots of the deck above (MODEL.md, "Steady state and batches").
 from __future__ import annotations
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.classes import build_nodes, most_nodes, set_strength
-from vibroscreen.kernels.deck import advance_lead, cross_lead, start_cohort
-from vibroscreen.kernels.language import kernel, numbers, record, view1
-from vibroscreen.kernels.place import (
+from vibroscreen.kernels.bed.classes import build_nodes, most_nodes, set_strength
+from vibroscreen.kernels.bed.front import advance_lead, cross_lead, start_cohort
+from vibroscreen.kernels.bed.place import (
     conveys,
     deck_width,
     panel_count,
@@ -18,7 +17,8 @@ from vibroscreen.kernels.place import (
     panel_velocity,
     residence_time,
 )
-from vibroscreen.kernels.rates import bed_load, restack
+from vibroscreen.kernels.language import kernel, numbers, record, view1
+from vibroscreen.kernels.numerics.layers import bed_load, restack
 from vibroscreen.kernels.step import (
     motion_part,
     prepare,

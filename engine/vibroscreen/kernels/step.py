@@ -9,33 +9,13 @@ from __future__ import annotations
 from math import isfinite, pi
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.cascade import advance_decks, all_covered
-from vibroscreen.kernels.classes import merge_classes, split_classes
-from vibroscreen.kernels.closure import (
-    OF_PASSAGE,
-    OF_SEGREGATION,
-    passage_factor,
-    peak_normal_velocity,
-    percolation_factor,
-    throw_height,
-)
-from vibroscreen.kernels.deck import (
-    clear_deck,
-    depth_at_discharge,
-    depth_at_feed,
-    held_by_node,
-    join_queue,
-    part_cohorts,
-    start_cohort,
-)
-from vibroscreen.kernels.displacement import (
-    GRAVITY,
-    bed_of_grains,
-    compose_motion,
-    prescribed,
-    rigid_body,
-)
-from vibroscreen.kernels.elementary import sin
+from vibroscreen.kernels.bed.cascade import advance_decks, all_covered
+from vibroscreen.kernels.bed.classes import merge_classes, split_classes
+from vibroscreen.kernels.bed.deck import clear_deck
+from vibroscreen.kernels.bed.front import join_queue, start_cohort
+from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed, held_by_node
+from vibroscreen.kernels.bed.package import part_cohorts
+from vibroscreen.kernels.bed.place import deck_length, panel_count, residence_time
 from vibroscreen.kernels.language import (
     Record,
     call_displacement,
@@ -45,9 +25,22 @@ from vibroscreen.kernels.language import (
     record,
     view2,
 )
-from vibroscreen.kernels.passage import BOUNCE
-from vibroscreen.kernels.place import deck_length, panel_count, residence_time
-from vibroscreen.kernels.segregation import CLASSIFIED, EXCHANGE, NOTHING
+from vibroscreen.kernels.numerics.elementary import sin
+from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
+from vibroscreen.kernels.physics.closure import (
+    OF_PASSAGE,
+    OF_SEGREGATION,
+    passage_factor,
+    peak_normal_velocity,
+    percolation_factor,
+    throw_height,
+)
+from vibroscreen.kernels.physics.layer import NOTHING
+from vibroscreen.kernels.physics.motion import GRAVITY, compose_motion
+from vibroscreen.kernels.physics.passage import BOUNCE
+from vibroscreen.kernels.physics.prescribed import prescribed
+from vibroscreen.kernels.physics.rigid_body import rigid_body
+from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE
 
 PRESCRIBED, RIGID_BODY, BED = 1, 2, 3
 STEADY_START = 2  # bed.initial

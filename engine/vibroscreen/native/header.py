@@ -14,7 +14,7 @@ from typing import Any
 
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
-from vibroscreen.kernels.segregation import EXCHANGE
+from vibroscreen.kernels.physics.segregation import EXCHANGE
 from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 
 FOLDER = Path(__file__).parent

@@ -1,0 +1,58 @@
+"""Does one calibration serve other strokes, depths, feeds and slopes, as simulated by particles?
+
+The particle simulations (DEM) in `data/dem_*.csv` are of one plate, square holes of 8 mm between
+bars of 3 mm: batches that shake vertically, and continuous decks. The engine runs them with the
+passage law `bounce` and with u and w that follow from the vibration. Fitted:
+
+- to the four batches alone, four numbers; segregation and decks are then predicted with them;
+- to batches and decks together, five numbers. They go to `screens/dem_plate.toml`, so that another
+  case of the plate needs only another feed, motion and inclination.
+
+Each case is left out of either fit in turn and predicted. Run `python
+engine/validation/dem_calibration.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evidence import PICTURES, SCREENS, Section
+from plate.batch_section import write_batches
+from plate.deck_section import write_decks
+from plate.errors import rmse
+from plate.fit import by_run, common_fit, write_plate
+from plate.segregation_section import write_segregation
+from plate.simulations import JUDGED
+from vibroscreen.calibrate import Calibration
+
+PLATE = SCREENS / "dem_plate.toml"
+COMMAND = "python engine/validation/dem_calibration.py"
+SECTIONS = (
+    Section("DEM batch", COMMAND, write_batches),
+    Section("DEM segregation", COMMAND, write_segregation),
+    Section("DEM decks", COMMAND, write_decks),
+)
+
+
+def main(
+    output: Annotated[Path, typer.Option(help="Where the calibrated plate goes.")] = PLATE,
+    pictures: Annotated[Path, typer.Option(help="Folder of the pictures.")] = PICTURES,
+) -> Calibration:
+    """Fit, predict what was not fitted, print the sections, write the plate."""
+    pictures.mkdir(parents=True, exist_ok=True)
+    for section in SECTIONS:
+        print(f"## {section.title}\n\n{section.write(pictures)}")
+    output.write_text(write_plate(common_fit()), encoding="utf-8")
+    decks = by_run(common_fit()).loc[list(JUDGED)]
+    print(
+        f"One calibration: RMSE {rmse(decks['fitted'].to_numpy()):.3f} on five decks, "
+        f"{rmse(decks['left out'].to_numpy()):.3f} on each when left out. {output}"
+    )
+    return common_fit()
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,71 @@
+"""The plate in the engine: its configuration and the numbers that are held in all fits."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from bed_velocity import PERFORATED, ROLLING
+from plate.simulations import APERTURE, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
+from vibroscreen import Feed, Motion, ScreenConfig
+from vibroscreen.config import (
+    Bed,
+    Deck,
+    Displacement,
+    Material,
+    Panel,
+    Passage,
+    Segregation,
+    Solver,
+)
+from vibroscreen.size_classes import SizeClasses
+from vibroscreen.units import MM
+
+LAYER = 4.0 * MM  # the mixing length above the contact layer, which is one coarsest grain
+PASSING_TIME = 1.7  # free fall from rest through nearly one and a half apertures
+DAMPING, LEVELLING = 4.0, 0.21  # round, chosen for deep beds: flux at 1.5 and 2 times the feed
+LIFT, CALMING = 6.3, 0.87  # by the heights of the grains, see `heights`
+STIRRING, DEPLETION = 0.75, 1.6  # round, chosen with fits of them in view
+DILATION, MIXING = 1.25 * MM, 0.007  # m, m/s: round; mixing by the growth of the height gaps
+FRICTION = 0.5  # of the spheres and of the plate, on which they roll: `ROLLING`
+NARROW = 0.05  # mm
+
+
+def narrow(sizes_mm: tuple[float, ...]) -> SizeClasses:
+    """A narrow class at each size and an empty one between two."""
+    edges = [d + side for d in sizes_mm for side in (-NARROW, NARROW)]
+    return SizeClasses(tuple(d * MM for d in edges), 1)
+
+
+def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066) -> ScreenConfig:
+    """The plate of the simulations, horizontal."""
+    panel = Panel(DECK_LENGTH, 0.0, APERTURE, OPEN_AREA, velocity_factor=PERFORATED)
+    return ScreenConfig(
+        classes,
+        decks=(Deck(width, (panel,)),),
+        material=Material(BULK_DENSITY, FRICTION, FRICTION, ROLLING),
+        motion=motion,
+        displacement=Displacement("bed"),
+        passage=Passage(
+            "bounce",
+            1.0,
+            passing_time=PASSING_TIME,
+            drift=0.0,
+            damping=DAMPING,
+            lift=LIFT,
+            stirring=STIRRING,
+            calming=CALMING,
+            depletion=DEPLETION,
+            levelling=LEVELLING,
+            closure="vibration",
+        ),
+        segregation=Segregation("exchange", dilation=DILATION, mixing=MIXING, closure="vibration"),
+        bed=Bed(COARSEST, LAYER, layers=64),
+        solver=Solver(1e-4),
+        feed=feed,
+        name="plate of the particle simulations",
+    )
+
+
+def with_panels(config: ScreenConfig, *panels: Panel) -> ScreenConfig:
+    """The same with other panels."""
+    return config.replace(decks=(dataclasses.replace(config.decks[0], panels=panels),))

@@ -1,0 +1,1 @@
+"""How the bed rides along the decks."""

@@ -1,0 +1,175 @@
+"""What falls from one deck to the next, by place (MODEL.md, "Several decks").
+
+Two ways, both conservative:
+  of a steady deck, knots: what has passed up to a place [kg/s] and the rates there; between them a
+      monotone cubic. The leading slice below takes from it what lands on it at any moment.
+  of packages with a history, records: what fell, and from where to where. It is laid on the
+      packages below that are under it in the middle of the step.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.bed.place import deck_length, deck_width, panel_velocity
+from vibroscreen.kernels.language import kernel
+
+# Two knots nearer than this part of the deck's length are one.
+SAME_PLACE = 1e-12
+
+
+@kernel
+def knot_vector(buffer, at, deck, knot):
+    """What a field holds of a knot, by node."""
+    return state.node_vector(buffer, at, deck * state.extent(buffer).knots + knot)
+
+
+@kernel
+def knot_places(buffer, deck):
+    """Places of the knots of a deck, m."""
+    return state.vector(buffer, state.AT.knot_place, state.extent(buffer).knots, deck)
+
+
+@kernel
+def record_knot(buffer, place):
+    """Add a knot of the deck that is recorded, from the rows passed and passing of `record`."""
+    deck = state.extent(buffer).recorded - 1
+    book = state.book(buffer, deck)
+    places = knot_places(buffer, deck)
+    count = book.knots
+    again = count > 0 and place - places[count - 1] <= SAME_PLACE * deck_length(buffer, deck)
+    if not again and count == state.extent(buffer).knots:
+        thin_knots(buffer, deck)
+        count = book.knots
+    knot = count - 1 if again else count
+    width = deck_width(buffer, deck)
+    first = width * panel_velocity(buffer, state.AT.scene, deck, 0)
+    here = width * panel_velocity(buffer, state.AT.scene, deck, book.lead_panel)
+    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    passed = state.node_vector(buffer, state.AT.record, 0)
+    passing = state.node_vector(buffer, state.AT.record, 1)
+    total = knot_vector(buffer, state.AT.knot_passed, deck, knot)
+    before = knot_vector(buffer, state.AT.knot_before, deck, knot)
+    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
+    for i in range(passed.size):
+        after[i] = width * passing[i]
+        if not again:
+            before[i] = after[i]
+        if not again or knot > 0:
+            # Also what has just passed at once, as sizes that are used up do.
+            total[i] = first * before_passed[i] + here * passed[i]
+    if not again:
+        places[knot] = place
+        book.knots = count + 1.0
+
+
+@kernel
+def record_nothing(buffer, start, stop):
+    """Add the knots of a stretch on which nothing passes."""
+    passed = state.vector(buffer, state.AT.record, 2 * state.extent(buffer).nodes, 0)
+    for i in range(passed.size):
+        passed[i] = 0.0
+    record_knot(buffer, start)
+    record_knot(buffer, stop)
+
+
+@kernel
+def thin_knots(buffer, deck):
+    """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
+    book = state.book(buffer, deck)
+    places = knot_places(buffer, deck)
+    count = book.knots
+    kept = 0
+    for knot in range(count):
+        if knot % 2 == 1 and knot < count - 1:
+            continue
+        if kept != knot:
+            places[kept] = places[knot]
+            for at in (state.AT.knot_passed, state.AT.knot_before, state.AT.knot_after):
+                to = knot_vector(buffer, at, deck, kept)
+                come = knot_vector(buffer, at, deck, knot)
+                for i in range(to.size):
+                    to[i] = come[i]
+        kept += 1
+    book.knots = kept
+
+
+@kernel
+def end_rates(total, rate_start, rate_end, width):
+    """Rates at both ends of an interval, held within what keeps the cubic monotone."""
+    most = 3.0 * max(0.0, total) / width
+    return min(max(rate_start, 0.0), most), min(max(rate_end, 0.0), most)
+
+
+@kernel
+def lead_source(buffer, deck, place, velocity):
+    """Set what lands on the leading slice from `place` on; returns the time for which it holds, s.
+
+    The coefficients in time of the cubic's derivative, per area of this deck, kg/(m2 s).
+    """
+    above = deck - 1
+    upper, book = state.book(buffer, above), state.book(buffer, deck)
+    places = knot_places(buffer, above)
+    count = upper.knots
+    state.extent(buffer).source_terms = 0.0
+    slack = SAME_PLACE * deck_length(buffer, deck)
+    if count < 2 or place >= places[count - 1] - slack:
+        return 1e300
+    knot = min(book.knot, count - 2)
+    while knot > 0 and places[knot] > place + slack:
+        knot -= 1
+    while knot + 2 < count and places[knot + 1] <= place + slack:
+        knot += 1
+    book.knot = knot
+    width = places[knot + 1] - places[knot]
+    x, rise = (place - places[knot]) / width, velocity / width
+    start = knot_vector(buffer, state.AT.knot_passed, above, knot)
+    stop = knot_vector(buffer, state.AT.knot_passed, above, knot + 1)
+    after = knot_vector(buffer, state.AT.knot_after, above, knot)
+    before = knot_vector(buffer, state.AT.knot_before, above, knot + 1)
+    per_area = 1.0 / deck_width(buffer, deck)
+    nodes = start.size
+    source = state.vector(buffer, state.AT.source, 3 * nodes, 0)
+    for i in range(nodes):
+        total = stop[i] - start[i]
+        one, two = end_rates(total, after[i], before[i], width)
+        mean = total / width
+        # rate(x) = one + x (6 mean - 4 one - 2 two) + 3 x^2 (one + two - 2 mean)
+        linear = 6.0 * mean - 4.0 * one - 2.0 * two
+        square = 3.0 * (one + two - 2.0 * mean)
+        source[i] = per_area * (one + x * (linear + x * square))
+        source[nodes + i] = per_area * rise * (linear + 2.0 * x * square)
+        source[2 * nodes + i] = per_area * rise * rise * square
+        if total > 0.0:
+            state.extent(buffer).source_terms = 3.0
+    return max(slack, places[knot + 1] - place) / velocity
+
+
+@kernel
+def passed_up_to(buffer, deck, place, passed):
+    """What passes a steady deck up to a place [m], into `passed[node]`, kg/s."""
+    book = state.book(buffer, deck)
+    places = knot_places(buffer, deck)
+    count = book.knots
+    for i in range(passed.size):
+        passed[i] = 0.0
+    if count == 0:
+        return
+    knot = 0
+    while knot + 2 < count and places[knot + 1] < place:
+        knot += 1
+    start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
+    if count == 1 or place <= places[knot]:
+        for i in range(passed.size):
+            passed[i] = start[i]
+        return
+    stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
+    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
+    before = knot_vector(buffer, state.AT.knot_before, deck, knot + 1)
+    width = places[knot + 1] - places[knot]
+    x = min(1.0, (place - places[knot]) / width)
+    for i in range(passed.size):
+        total = stop[i] - start[i]
+        one, two = end_rates(total, after[i], before[i], width)
+        one, two = one * width, two * width
+        share = x * (one + x * (3.0 * total - 2.0 * one - two + x * (one + two - 2.0 * total)))
+        passed[i] = start[i] + share

@@ -1,0 +1,1 @@
+"""How a column is advanced: rates, schemes one a file, the control of the step."""

@@ -1,0 +1,324 @@
+"""A column of the bed for the schemes: the sizes that take part, in blocks (MODEL.md, "Rates")."""
+
+from __future__ import annotations
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import kernel, view1, view2
+from vibroscreen.kernels.numerics.fours import all_four, four, four_in, in_fours, larger, largest
+from vibroscreen.kernels.physics.layer import NOTHING
+from vibroscreen.kernels.physics.packing import gap_of
+from vibroscreen.kernels.physics.passage import BOUNCE
+from vibroscreen.kernels.physics.segregation import CLASSIFIED
+
+# A size of which this part of the tolerance is left has passed.
+USED_UP = 1e-4
+# Proportions inside the sizes that move alike are equal up to this.
+ALIKE = 1e-12
+# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
+NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
+# Blocks of `trial` while rates are found: loads at the faces of the layers.
+LOWER, UPPER = 0, 1
+
+
+@kernel
+def active_vector(buffer, at, row):
+    """Row `row` of a field of vectors over the sizes that take part."""
+    return state.vector(buffer, at, state.extent(buffer).active, row)
+
+
+@kernel
+def active_column(buffer, at):
+    """A work column over the sizes that take part."""
+    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
+
+
+@kernel
+def block(buffer, at, index):
+    """A block as one vector: what passed, the loads of the layers, the share of the top one."""
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    return view1(buffer, start, rows * state.extent(buffer).active)
+
+
+@kernel
+def block_passed(buffer, at, index):
+    """What passed, row 0 of a block."""
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    return view1(buffer, start, state.extent(buffer).active)
+
+
+@kernel
+def block_load(buffer, at, index):
+    """Loads of a block [layer, active size]."""
+    rows = state.extent(buffer).layers + 2
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    start += state.extent(buffer).active
+    return view2(buffer, start, rows - 2, state.extent(buffer).active)
+
+
+@kernel
+def block_share(buffer, at, index, layers):
+    """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
+    rows, nodes = state.extent(buffer).layers + 2, state.extent(buffer).active
+    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+    return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
+
+
+@kernel
+def first_coarse(buffer, scene, load, layers):
+    """First of the sizes that neither pass nor percolate and are mixed alike in all layers.
+
+    They move alike as long as nothing lands on them, so one size carries them all (their mean).
+    """
+    size = state.node_vector(buffer, state.AT.size, 0)
+    nodes = size.size
+    parameter = state.parameters(buffer)
+    model = parameter.segregation_model
+    known = parameter.passage_law <= BOUNCE and model <= CLASSIFIED
+    if state.switches(buffer).coarse_sizes == 0.0 or not known:
+        return nodes
+    if state.extent(buffer).source_terms > 0.0:
+        return nodes
+    closed = scene.aperture
+    if state.extent(buffer).layered > 0.0:
+        gap = gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
+        closed = max(closed, gap)
+    first = nodes
+    while first > 0 and size[first - 1] >= closed:
+        first -= 1
+    lowest = 0.0
+    for i in range(first, nodes):
+        lowest += load[0, i]
+    for j in range(1, layers):
+        mass = 0.0
+        for i in range(first, nodes):
+            mass += load[j, i]
+        for i in range(first, nodes):
+            if abs(load[j, i] * lowest - load[0, i] * mass) > ALIKE * lowest * mass:
+                return nodes
+    return first
+
+
+@kernel
+def gather(buffer, scene, load, reference, layers):
+    """Copy a column into the block NOW without the sizes that take no part.
+
+    Left out are sizes of which nothing is there or lands; what is left of a size that is used up
+    passes at once; the coarse sizes that move alike become one. `place` says where a size is. Loops
+    go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
+    """
+    nodes = load.shape[1]
+    switch = state.switches(buffer)
+    counter = state.counters(buffer)
+    tolerance = state.parameters(buffer).tolerance
+    size = state.node_vector(buffer, state.AT.size, 0)
+    held = state.node_vector(buffer, state.AT.node_work, 0)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    terms = state.extent(buffer).source_terms
+    passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
+    least = USED_UP * tolerance
+    coarse = first_coarse(buffer, scene, load, layers)
+    for i in range(nodes):
+        held[i] = load[0, i]
+    for j in range(1, layers):
+        for i in range(nodes):
+            held[i] += load[j, i]
+    count = 0
+    for i in range(coarse):
+        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.aperture:
+            flux[i] += held[i]
+            held[i] = 0.0
+            for j in range(layers):
+                load[j, i] = 0.0
+            counter.used_up_sizes_skipped += 1.0
+        lands = False
+        for k in range(terms):
+            lands = lands or source[k, i] != 0.0
+        if held[i] > 0.0 or lands or switch.empty_sizes == 0.0:
+            place[i] = count
+            count += 1
+        else:
+            place[i] = -1.0
+            counter.empty_sizes_skipped += 1.0
+        share[i] = 1.0
+    gathered, moment = 0.0, 0.0
+    for i in range(coarse, nodes):
+        gathered += held[i]
+        moment += held[i] * size[i]
+    for i in range(coarse, nodes):
+        place[i] = count if gathered > 0.0 else -1.0
+        share[i] = held[i] / gathered if gathered > 0.0 else 0.0
+    if gathered > 0.0:
+        counter.coarse_sizes_skipped += nodes - coarse - 1.0
+    taking_part = max(1, count + (1 if gathered > 0.0 else 0))
+    state.extent(buffer).active = in_fours(taking_part)
+    fill_block(buffer, load, reference, layers, coarse)
+    compact_size = active_vector(buffer, state.AT.compact, 0)
+    if gathered > 0.0:
+        compact_size[count] = moment / gathered
+    for n in range(taking_part, compact_size.size):
+        compact_size[n] = compact_size[taking_part - 1]
+    return coarse
+
+
+@kernel
+def places_kept(place):
+    """Number of the first sizes that have the same place in a block as in a column."""
+    kept = 0
+    while kept < place.size and place[kept] == kept:
+        kept += 1
+    return kept
+
+
+@kernel
+def fill_block(buffer, load, reference, layers, coarse):
+    """Sizes, references, sources and loads of the sizes that take part into compact fields."""
+    nodes = load.shape[1]
+    count = state.extent(buffer).active
+    size = state.node_vector(buffer, state.AT.size, 0)
+    place = state.node_vector(buffer, state.AT.place, 0)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    compact_size = active_vector(buffer, state.AT.compact, 0)
+    weight = active_vector(buffer, state.AT.compact, 1)
+    landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
+    now, integral = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    terms = state.extent(buffer).source_terms
+    rows_above = layers if terms == 0 else load.shape[0]
+    for k in range((rows_above + 1) * count):
+        now[k] = 0.0
+        integral[k] = 0.0
+    for n in range(count):
+        weight[n] = 0.0
+        compact_size[n] = 0.0
+    for i in range(nodes):
+        n = int(place[i])
+        if n >= 0:
+            compact_size[n] = size[i]
+            weight[n] += reference[i]
+    for n in range(count):
+        weight[n] = 1.0 / weight[n] if weight[n] > NOTHING else 0.0
+    for k in range(terms):
+        for n in range(count):
+            landing[k, n] = 0.0
+        for i in range(nodes):
+            n = int(place[i])
+            if n >= 0:
+                landing[k, n] = source[k, i]
+    rows = block_load(buffer, state.AT.stage, NOW)
+    straight = min(coarse, places_kept(place))
+    for j in range(layers):
+        for i in range(straight):
+            rows[j, i] = load[j, i]
+        for i in range(straight, coarse):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] = load[j, i]
+        for i in range(coarse, nodes):
+            n = int(place[i])
+            if n >= 0:
+                rows[j, n] += load[j, i]
+
+
+@kernel
+def scatter(buffer, load, layers, rows, elapsed):
+    """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
+    nodes = load.shape[1]
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    now = block_load(buffer, state.AT.stage, NOW)
+    integral = block_load(buffer, state.AT.stage, INTEGRAL)
+    gone = block_passed(buffer, state.AT.stage, NOW)
+    gone_time = block_passed(buffer, state.AT.stage, INTEGRAL)
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    time = state.column(buffer, state.AT.column_time, 0)
+    for i in range(nodes):
+        passed_time[i] += elapsed * passed[i]
+        n = int(place[i])
+        if n < 0:
+            continue
+        passed[i] += share[i] * gone[n]
+        passed_time[i] += share[i] * gone_time[n]
+    # Most sizes keep their places: plain copies, which are fast.
+    straight = places_kept(place)
+    for j in range(rows):
+        left = 1.0 if j < layers else 0.0
+        for i in range(straight):
+            load[j, i] = left * (share[i] * now[j, i])
+            time[j, i] += share[i] * integral[j, i]
+        for i in range(straight, nodes):
+            n = int(place[i])
+            if n >= 0:
+                load[j, i] = left * (share[i] * now[j, n])
+                time[j, i] += share[i] * integral[j, n]
+
+
+@kernel
+def close_sizes(buffer, load, before, layers, moment, elapsed):
+    """Put what the steps of a block rounded away of a size into the row that holds most of it.
+
+    `load` in `before` layers is the column at the start of the block, `moment`. The round-off of a
+    step is that of the rates times h, so in a bed where all is in balance it is the same in every
+    step: it would add up over many.
+    """
+    nodes = state.extent(buffer).active
+    place = state.node_vector(buffer, state.AT.place, 0)
+    missing = active_vector(buffer, state.AT.node_work, 1)
+    values = block(buffer, state.AT.stage, NOW)
+    for n in range(nodes):
+        missing[n] = 0.0
+    straight = places_kept(place)
+    for j in range(before):
+        for i in range(straight):
+            missing[i] += load[j, i]
+        for i in range(straight, load.shape[1]):
+            n = int(place[i])
+            if n >= 0:
+                missing[n] += load[j, i]
+    terms = state.extent(buffer).source_terms
+    if terms > 0:
+        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
+        for n in range(nodes):
+            missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
+    for row in range(layers + 1):
+        start = row * nodes
+        for n in range(nodes):
+            missing[n] -= values[start + n]
+    for n in range(nodes):
+        if missing[n] != 0.0:
+            most = n
+            for row in range(1, layers + 1):
+                if values[row * nodes + n] > values[most]:
+                    most = row * nodes + n
+            values[most] += missing[n]
+
+
+@kernel
+def mean_landing(source, i, terms, h, moment):
+    """Mean of what lands of a size in a step of h that starts at `moment`, kg/(m2 s)."""
+    if terms == 1:
+        return source[0, i]
+    middle = moment + 0.5 * h
+    return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
+
+
+@kernel
+def worst_of(error, weight):
+    """Largest product of two vectors over the sizes that take part, not below 0."""
+    worst = all_four(0.0)
+    for i in range(0, error.size, 4):
+        worst = larger(worst, four(error, i) * four(weight, i))
+    return largest(worst)
+
+
+@kernel
+def largest_of(values, row):
+    """Largest number of a row over the sizes that take part, not below 0."""
+    most = all_four(0.0)
+    for i in range(0, values.shape[1], 4):
+        most = larger(most, four_in(values, row, i))
+    return largest(most)

@@ -1,0 +1,93 @@
+"""What the explicit schemes share: errors, and taking a step (MODEL.md, "Explicit schemes")."""
+
+from __future__ import annotations
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.numerics.column import INTEGRAL, K1, K7, NOW, STAGED, active_vector, block
+from vibroscreen.kernels.numerics.fours import all_four, apart, four, larger, largest, put_four
+from vibroscreen.kernels.numerics.rates import rows_followed
+
+# Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
+PAIR, CHAIN = range(2)
+# Block of `trial`: errors of a step; between steps the column or its time integral over a part.
+OF_PART = 2
+# The explicit pair is stable up to this step times the fastest rate.
+STABLE = 3.2
+# Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
+D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
+D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
+
+
+@kernel
+def embedded_error(buffer, h, layers, stage, e1, e2, e3, e4, e5, e6):
+    """Error of a step: h times the sum of e1 to e6 times the rates in K1, in `stage`, and in K7."""
+    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, stage[0])
+    k3, k4 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
+    k5, k6 = block(buffer, state.AT.stage, stage[3]), block(buffer, state.AT.stage, K7)
+    out = block(buffer, state.AT.trial, OF_PART)
+    h1, h2, h3, h4, h5, h6 = h * e1, h * e2, h * e3, h * e4, h * e5, h * e6
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+        one = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
+        put_four(out, i, one + (h4 * four(k4, i) + h5 * four(k5, i) + h6 * four(k6, i)))
+    return worst_error(buffer, layers)
+
+
+@kernel
+def worst_error(buffer, layers):
+    """Largest error of a step, as a part of what was fed of a size; its errors lie in OF_PART.
+
+    What passed wrongly counts 3/2. What lies in a wrong layer counts by how far it was moved over
+    the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
+    """
+    nodes = state.extent(buffer).active
+    weight, out = active_vector(buffer, state.AT.compact, 1), block(buffer, state.AT.trial, OF_PART)
+    face, worst = 2.0 / layers, all_four(0.0)
+    for i in range(0, nodes, 4):
+        moved = four(out, i)
+        error = 1.5 * apart(moved)
+        for row in range(1, layers):
+            moved += four(out, row * nodes + i)
+            error += face * apart(moved)
+        worst = larger(worst, error * four(weight, i))
+    return largest(worst)
+
+
+@kernel
+def take_explicit(buffer, layers, last_rates):
+    """The step becomes the state, its last rates the next first ones. False: there are debts."""
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    debts = all_four(0.0)
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+        value = four(new, i)
+        put_four(y, i, value)
+        debts = larger(debts, 0.0 - value)
+    if last_rates:
+        k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+        for i in range(0, rows_followed(buffer, layers), 4):
+            put_four(k1, i, four(k7, i))
+    return largest(debts) == 0.0
+
+
+@kernel
+def third_order_error(buffer, h, layers):
+    """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+    out = block(buffer, state.AT.trial, OF_PART)
+    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+        rates = 0.4 * h * (four(k1, i) + four(k7, i))
+        put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)
+    return worst_error(buffer, layers)
+
+
+@kernel
+def integrate_ends(buffer, h, size):
+    """Add the time integral of a step of the chain (Hermite)."""
+    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+    total = block(buffer, state.AT.stage, INTEGRAL)
+    half, twelfth = 0.5 * h, h * h / 12.0
+    for i in range(0, size, 4):
+        one = half * (four(y, i) + four(new, i)) + twelfth * (four(k1, i) - four(k7, i))
+        put_four(total, i, four(total, i) + one)

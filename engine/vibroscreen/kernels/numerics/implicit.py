@@ -1,0 +1,209 @@
+"""An implicit step that keeps masses positive (MODEL.md, "The implicit scheme").
+
+Of first order whatever its length; extrapolated to higher ones.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import kernel, view2
+from vibroscreen.kernels.numerics.column import (
+    INTEGRAL,
+    NOW,
+    active_column,
+    active_vector,
+    block,
+    block_load,
+    block_passed,
+    mean_landing,
+)
+from vibroscreen.kernels.numerics.layers import bed_load, cover_of, layers_for, restack
+from vibroscreen.kernels.numerics.rates import passage_factors
+from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
+
+
+@kernel
+def upward_rates(load, down, layers, up):
+    """What each layer sends up, 1/s on its mass: as much as percolates down into it."""
+    for j in range(layers - 1):
+        mass = layer_mass(load, j)
+        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
+
+
+@kernel
+def implicit_step(load, rate, down, up, pivot, stay, layers, h):
+    """Solve (1 + h T_i) x = load for every size in place, T_i tridiagonal over the layers.
+
+    The elimination is written without a subtraction (`stay` is the part of a pivot that does not
+    lead upwards), so masses stay positive and sum up to round-off for any h.
+    """
+    nodes = load.shape[1]
+    for i in range(nodes):
+        stay[i] = 1.0 + h * rate[i]
+    for j in range(layers - 1):
+        upward = h * up[j]
+        for i in range(nodes):
+            pivot[j, i] = 1.0 / (stay[i] + upward)
+            stay[i] = 1.0 + h * down[j + 1, i] * (stay[i] * pivot[j, i])
+            load[j + 1, i] += upward * pivot[j, i] * load[j, i]
+    top = layers - 1
+    for i in range(nodes):
+        load[top, i] /= stay[i]
+    for j in range(top - 1, -1, -1):
+        for i in range(nodes):
+            load[j, i] = (load[j, i] + h * down[j + 1, i] * load[j + 1, i]) * pivot[j, i]
+
+
+@kernel
+def basic_step(buffer, scene, k, layers, h, moment):
+    """One step of first order on trial k: passage and percolation, then landing and settling.
+
+    Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
+    layers after it.
+    """
+    load = block_load(buffer, state.AT.trial, 2 * k)
+    passed = block_passed(buffer, state.AT.trial, 2 * k)
+    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
+    rate = active_vector(buffer, state.AT.node_work, 0)
+    contact = active_vector(buffer, state.AT.node_work, 1)
+    stay = active_vector(buffer, state.AT.node_work, 3)
+    down = active_column(buffer, state.AT.percolation)
+    up = state.vector(buffer, state.AT.upward, state.extent(buffer).layers, 0)
+    nodes = rate.size
+    cover = cover_of(scene, layer_mass(load, 0))
+    pace = passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
+    for i in range(nodes):
+        rate[i] = max(0.0, rate[i]) * pace * contact[i]
+    upward_rates(load, down, layers, up)
+    implicit_step(load, rate, down, up, active_column(buffer, state.AT.scratch), stay, layers, h)
+    for i in range(nodes):
+        passed[i] += h * rate[i] * load[0, i]
+    terms = state.extent(buffer).source_terms
+    if terms > 0:
+        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
+        for i in range(nodes):
+            load[layers - 1, i] += h * mean_landing(source, i, terms, h, moment)
+    layers = restack(buffer, scene, load, layers)
+    for i in range((layers + 1) * nodes):
+        time[i] += h * column[i]
+    return layers
+
+
+@kernel
+def run_trial(buffer, scene, k, layers, rows, h, moment):
+    """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
+    now = block(buffer, state.AT.stage, NOW)
+    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
+    nodes = state.extent(buffer).active
+    for i in range((rows + 1) * nodes):
+        # What passed counts from here; above the loads lies the share of the top layer.
+        column[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
+        time[i] = 0.0
+    layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
+    part = h / (k + 1)
+    for n in range(k + 1):
+        layers = basic_step(buffer, scene, k, layers, part, moment + n * part)
+
+
+@kernel
+def rows_in_use(buffer, scene, load, layers, h, moment):
+    """Layers that a step of h may need: what lands opens new ones, nothing else does."""
+    terms = state.extent(buffer).source_terms
+    if terms == 0:
+        return layers
+    landing = 0.0
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.extent(buffer).active)
+    for i in range(state.extent(buffer).active):
+        landing += mean_landing(source, i, terms, h, moment)
+    more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
+    return max(layers, min(more, load.shape[0]))
+
+
+@kernel
+def extrapolate(buffer, k, rows):
+    """Aitken-Neville on the trials 0..k; the best value lies in trial 0, the next in trial 1.
+
+    Trial k keeps its own first-order value. `rows` is the highest number of layers in use.
+    """
+    size = (rows + 1) * state.extent(buffer).active
+    for level in range(1, k + 1):
+        factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
+        for part in range(2):
+            better = block(buffer, state.AT.trial, 2 * (k - level + 1) + part)
+            coarse = block(buffer, state.AT.trial, 2 * (k - level) + part)
+            for i in range(size):
+                coarse[i] = better[i] + factor * (better[i] - coarse[i])
+
+
+@kernel
+def step_error(buffer, rows):
+    """Largest difference of the two best extrapolations as a part of what was fed of a size."""
+    flux = block_passed(buffer, state.AT.trial, 0)
+    coarse_flux = block_passed(buffer, state.AT.trial, 2)
+    load, coarse_load = block_load(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 2)
+    weight = active_vector(buffer, state.AT.compact, 1)
+    worst = 0.0
+    for i in range(weight.size):
+        moved = 0.0
+        for j in range(rows):
+            moved += abs(load[j, i] - coarse_load[j, i])
+        error = abs(flux[i] - coarse_flux[i]) + 0.5 * moved
+        worst = max(worst, error * weight[i])
+    return worst
+
+
+@kernel
+def carry_debts(flux, load, rows):
+    """Pay what a high order drew below zero from the same size next to it; sums stay.
+
+    From the top layer down to what passed, and back up if that became a debt: a size as a whole
+    is never below zero, so nothing is. Such debts are of the size of the step's error.
+    """
+    for i in range(flux.size):
+        debt = 0.0
+        for j in range(rows - 1, -1, -1):
+            debt += load[j, i]
+            load[j, i] = max(0.0, debt)
+            debt = min(0.0, debt)
+        flux[i] += debt
+        debt = min(0.0, flux[i])
+        flux[i] = max(0.0, flux[i])
+        for j in range(rows):
+            debt += load[j, i]
+            load[j, i] = max(0.0, debt)
+            debt = min(0.0, debt)
+
+
+@kernel
+def pay_integral(buffer, rows):
+    """Pay the debts of the time integrals, if there are any."""
+    total = block(buffer, state.AT.stage, INTEGRAL)
+    debts = 0
+    for i in range((rows + 1) * state.extent(buffer).active):
+        debts += 1 if total[i] < 0.0 else 0
+    if debts > 0:
+        gone = block_passed(buffer, state.AT.stage, INTEGRAL)
+        load = block_load(buffer, state.AT.stage, INTEGRAL)
+        carry_debts(gone, load, rows)
+
+
+@kernel
+def take_implicit(buffer, scene, rows, h):
+    """Take trial 0 as the state after h and add its sums; returns the layers."""
+    size = (rows + 1) * state.extent(buffer).active
+    now, total = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    best, time = block(buffer, state.AT.trial, 0), block(buffer, state.AT.trial, 1)
+    gone = state.extent(buffer).active
+    carry_debts(
+        block_passed(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 0), rows
+    )
+    carry_debts(
+        block_passed(buffer, state.AT.trial, 1), block_load(buffer, state.AT.trial, 1), rows
+    )
+    for i in range(gone):
+        total[i] += h * now[i] + time[i]
+        now[i] += best[i]
+    for i in range(gone, size):
+        total[i] += time[i]
+        now[i] = best[i]
+    return restack(buffer, scene, block_load(buffer, state.AT.stage, NOW), rows)

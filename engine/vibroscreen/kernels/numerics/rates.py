@@ -1,0 +1,260 @@
+"""A column of the bed: its compact block, its layers, and how fast they change (MODEL.md,
+"Columns", "A package in time").
+
+A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. It is gathered
+into a compact block without the sizes that take no part and scattered back. Sub-models give rates;
+one place here moves mass, `column_rates`, and every sum is kept to round-off.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import kernel, view2
+from vibroscreen.kernels.numerics.column import (
+    LOWER,
+    NOW,
+    UPPER,
+    active_column,
+    active_vector,
+    block_load,
+    block_passed,
+    block_share,
+    largest_of,
+)
+from vibroscreen.kernels.numerics.fours import (
+    all_four,
+    four,
+    four_in,
+    larger,
+    put_four,
+    put_four_in,
+    total,
+)
+from vibroscreen.kernels.numerics.layers import cover_of
+from vibroscreen.kernels.physics.layer import NOTHING, layer_mass, weighted_mass
+from vibroscreen.kernels.physics.passage import passage_probability
+from vibroscreen.kernels.physics.segregation import segregate
+
+# A top layer below this part of a full one is no reason to cut an implicit step.
+THIN = 1e-3
+# Differences of a mass fraction below this bound no slope.
+EVEN = 1e-14
+
+
+@kernel
+def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
+    """P_i of the sizes in row 0 and their contact weights; fills the percolation too.
+
+    `lower` are the loads as they are at the lower faces of the layers; in row 0 they are `load`.
+    Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
+    row 0 holds, as F_0i = contact_i load_0i.
+    """
+    parameter = state.parameters(buffer)
+    size = active_vector(buffer, state.AT.compact, 0)
+    fraction = active_vector(buffer, state.AT.node_work, 2)
+    segregate(
+        parameter.segregation_model,
+        state.extent(buffer).segregation_address,
+        size,
+        lower,
+        layers,
+        scene,
+        contact,
+        active_column(buffer, state.AT.percolation),
+    )
+    for i in range(0, size.size, 4):
+        put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
+    scene.cover = cover
+    law = parameter.passage_law
+    passage_probability(law, state.extent(buffer).passage_address, size, fraction, scene, factor)
+    return scene.density * scene.passage_velocity * cover
+
+
+@kernel
+def reconstructed(buffer):
+    """Whether the composition inside a layer is linear."""
+    return buffer[int(buffer[state.AT.reconstruction])] > 0.0
+
+
+@kernel
+def slope_factor(load, row, below, mass, above, share):
+    """Theta of a layer: the part of the central slopes of its sizes that makes no new extremum.
+
+    One for all sizes, so that the slopes sum up to zero and a full layer stays full at its faces.
+    below, mass, above: of the three layers, kg/m2; share: span of the layer over that of the slope.
+    """
+    theta = 1.0
+    a, b, c = 1.0 / below, 1.0 / mass, 1.0 / above
+    for i in range(load.shape[1]):
+        middle = b * load[row, i]
+        down, up = middle - a * load[row - 1, i], c * load[row + 1, i] - middle
+        least, most = min(abs(down), abs(up)), max(abs(down), abs(up))
+        if most > EVEN:
+            room = 2.0 * least if down * up > 0.0 else 0.0
+            slope = share * abs(down + up)
+            if theta * slope > room:
+                theta = room / slope
+    return theta
+
+
+@kernel
+def reconstruct(buffer, load, layers):
+    """Loads as they are at the lower and upper faces of the layers, into two blocks of `trial`.
+
+    Mass fractions are linear over a layer with a monotonised central slope, even in the contact
+    layer and in the top one. The implicit scheme, whose blocks these are, does without.
+    """
+    lower = block_load(buffer, state.AT.trial, LOWER)
+    upper = block_load(buffer, state.AT.trial, UPPER)
+    nodes = load.shape[1]
+    for i in range(nodes):
+        lower[0, i] = upper[0, i] = load[0, i]
+        lower[layers - 1, i] = upper[layers - 1, i] = load[layers - 1, i]
+    below, mass = layer_mass(load, 0), layer_mass(load, 1)
+    for j in range(1, layers - 1):
+        above = layer_mass(load, j + 1)
+        theta = 0.0
+        if min(below, mass, above) > NOTHING:
+            share = 2.0 * mass / (below + 2.0 * mass + above)
+            theta = 0.5 * mass * share * slope_factor(load, j, below, mass, above, share)
+        a, c = (theta / below, theta / above) if theta > 0.0 else (0.0, 0.0)
+        for i in range(nodes):
+            half = c * load[j + 1, i] - a * load[j - 1, i]
+            lower[j, i], upper[j, i] = load[j, i] - half, load[j, i] + half
+        below, mass = mass, above
+
+
+@kernel
+def hand_down(change, row, i, flux):
+    """What goes down from a layer, of four sizes: the row below gains it, this one begins so."""
+    put_four_in(change, row - 1, i, four_in(change, row - 1, i) + flux)
+    put_four_in(change, row, i, 0.0 - flux)
+
+
+@kernel
+def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
+    """Rates of change of a column, from block `now` into block `rate`, kg/(m2 s).
+
+    Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
+    above, layer by layer), landing on the top layer `moment` s after the start. Layers exchange
+    what they hold on the average, or with `bed.reconstruction` what they hold at the face.
+
+    What settles out of a top layer that runs out has a composition that is 0/0 at its end, so the
+    composition is followed beside the masses as x' = -percolation x + return flow, in the row above
+    them; where something lands, a thin top layer has that of the start of the step.
+    """
+    load, change = block_load(buffer, at_now, now), block_load(buffer, at_rate, rate)
+    passing = block_passed(buffer, at_rate, rate)
+    weight = active_vector(buffer, state.AT.node_work, 0)
+    contact = active_vector(buffer, state.AT.node_work, 1)
+    percolation = active_column(buffer, state.AT.percolation)
+    nodes = passing.size
+    top = layer_mass(load, layers - 1)
+    upper = (layers - 2) * scene.layer_full
+    scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
+    lower, upper = load, load
+    if layers > 2 and reconstructed(buffer):
+        reconstruct(buffer, load, layers)
+        lower = block_load(buffer, state.AT.trial, LOWER)
+        upper = block_load(buffer, state.AT.trial, UPPER)
+    falling = follows_share(buffer, layers)
+    cover = cover_of(scene, top) if layers == 1 else 1.0
+    pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
+    passes = all_four(0.0)
+    for i in range(0, nodes, 4):
+        rate_of = larger(0.0, four(weight, i)) * pace * four(contact, i)
+        put_four(weight, i, rate_of)
+        leaves = rate_of * four_in(load, 0, i)
+        put_four(passing, i, leaves)
+        put_four_in(change, 0, i, 0.0 - leaves)
+        passes += leaves
+    lost = total(passes)
+    full = scene.contact_load
+    settling = lost / scene.layer_full
+    for j in range(1, layers):
+        if j < layers - 1 or (not falling and top > THIN * scene.layer_full):
+            upward = weighted_mass(lower, j, percolation, j) / full
+            refill = settling if j < layers - 1 else lost / top
+            for i in range(0, nodes, 4):
+                flux = (four_in(percolation, j, i) + refill) * four_in(lower, j, i)
+                flux -= upward * four_in(upper, j - 1, i)
+                hand_down(change, j, i, flux)
+        elif falling:
+            share = block_share(buffer, at_now, now, layers)
+            share_change = block_share(buffer, at_rate, rate, layers)
+            upward = weighted_mass(share, 0, percolation, j) / full
+            for i in range(0, nodes, 4):
+                part = four_in(share, 0, i)
+                gain = upward * four_in(upper, j - 1, i) - four_in(percolation, j, i) * part
+                put_four_in(share_change, 0, i, gain)
+                flux = lost * part - top * gain
+                hand_down(change, j, i, flux)
+        else:
+            share = block_share(buffer, state.AT.stage, NOW, layers)
+            upward = weighted_mass(lower, j, percolation, j) / full
+            for i in range(0, nodes, 4):
+                flux = four_in(percolation, j, i) * four_in(lower, j, i)
+                flux -= upward * four_in(upper, j - 1, i)
+                flux += lost * four_in(share, 0, i)
+                hand_down(change, j, i, flux)
+        full = scene.layer_full
+    land(buffer, change, layers - 1, moment)
+    state.counters(buffer).rates += 1.0
+    return lost
+
+
+@kernel
+def follows_share(buffer, layers):
+    """Whether the composition of the top layer is followed beside its masses."""
+    return layers > 1 and state.extent(buffer).source_terms == 0.0
+
+
+@kernel
+def rows_followed(buffer, layers):
+    """Length of the part of a block that a scheme advances."""
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.extent(buffer).active
+
+
+@kernel
+def land(buffer, change, row, moment):
+    """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
+    terms = state.extent(buffer).source_terms
+    if terms == 0:
+        return
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, change.shape[1])
+    if terms == 1:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i]
+    else:
+        for i in range(change.shape[1]):
+            change[row, i] += source[0, i] + moment * (source[1, i] + moment * source[2, i])
+
+
+@kernel
+def keep_top_share(buffer, layers):
+    """Composition of the top layer at the start of a step."""
+    share = block_share(buffer, state.AT.stage, NOW, layers)
+    load = block_load(buffer, state.AT.stage, NOW)
+    top = layer_mass(load, layers - 1)
+    below = max(0, layers - 2)
+    row = layers - 1 if top > 0.0 else below
+    mass = top if top > 0.0 else layer_mass(load, below)
+    scale = 1.0 / mass if mass > NOTHING else 0.0
+    for i in range(share.shape[1]):
+        share[0, i] = scale * load[row, i]
+
+
+@kernel
+def fastest_rate(buffer, scene, layers):
+    """Bound of the rates in the column, 1/s, as `column_rates` left them."""
+    nodes = state.extent(buffer).active
+    fastest = largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
+    percolation = active_column(buffer, state.AT.percolation)
+    if fastest == 0.0 and state.extent(buffer).source_terms > 0.0:
+        # An empty bed does not show how fast it will pass what lands on it.
+        pace = scene.density * scene.passage_velocity / scene.contact_load
+        fastest = pace * scene.open_area * (1.0 + scene.open_area)
+    exchange = 0.0
+    for j in range(1, layers):
+        exchange = max(exchange, largest_of(percolation, j))
+    return max(fastest + exchange, 3.0 * exchange)

@@ -1,0 +1,276 @@
+"""How long a step may be: scheme, length, safety (MODEL.md, "Step control")."""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+
+from vibroscreen.kernels import state
+from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.numerics.chain import (
+    CHAIN_LEAST,
+    CHAIN_MOST,
+    CHAIN_STABLE,
+    chain_stages,
+    chain_step,
+)
+from vibroscreen.kernels.numerics.column import K7, NOW, STAGED, block_load
+from vibroscreen.kernels.numerics.elementary import raised
+from vibroscreen.kernels.numerics.explicit import CHAIN, PAIR, STABLE, third_order_error
+from vibroscreen.kernels.numerics.implicit import extrapolate, rows_in_use, run_trial, step_error
+from vibroscreen.kernels.numerics.kinks import (
+    FORETOLD,
+    OVER_MARGIN,
+    allowance,
+    misplaced,
+    miss_of,
+    over_allowed,
+)
+from vibroscreen.kernels.numerics.pair import pair_step
+from vibroscreen.kernels.numerics.rates import follows_share, reconstructed
+from vibroscreen.kernels.numerics.within import part_to_kink
+from vibroscreen.kernels.physics.layer import layer_mass
+from vibroscreen.kernels.physics.segregation import CLASSIFIED, PROPORTIONAL
+
+# A step that should end where a layer runs out goes on for so much of what is expected; one that
+# would end a little before that is made longer by up to the second factor.
+PAST = 1.2
+STRETCH = 1.35
+# A step that went past such a moment is shortened to no less than this part of it at once.
+LEAST_LANDING = 0.1
+# A first step of the pair, as a part of the longest that is stable: at a tolerance of 1e-3, and at
+# most. An error of order 6 in a step meets a tolerance with its sixth root.
+FIRST_PAIR, MOST_FIRST = 0.33, 0.7
+# The pair's estimate is that of order 4. Of what changes smoothly at any real rate up to the
+# fastest, order 5 leaves out at most this part of it, times h times fastest rate.
+HIGHER, LEAST_HIGHER = 0.39, 0.02
+# Estimates may be this much above the tolerance, as what they find is mostly damped later on: the
+# error of a recovery stays below it (tests/benchmarks/work_precision.py). Models that sort the bed
+# have a kink at every size, where no order is left; a reconstruction has them in every layer.
+MARGIN = (5.0, 7.0)
+MARGIN_SORTED = (3.0, 2.0)
+# The same for the steps of the chain that an error of third order in a step of the pair foretells,
+# and how many times as long as that step they may be.
+MARGIN_WIDE = 20.0
+MOST_WIDER = 5.0
+# A last step may be this part longer than planned: the estimate has that much in reserve.
+SLACK = 0.12
+# Parts of the step that an estimate allows.
+SAFETY, SAFETY_WIDE = 0.93, 0.85
+
+
+@kernel
+def first_step(scene, duration):
+    """A first implicit step: the time in which the screen could take the contact layer once, s."""
+    pace = scene.passage_velocity * scene.density / scene.contact_load
+    return min(duration, 0.25 / pace) if pace > 0.0 else duration
+
+
+@kernel
+def has_kinks(buffer):
+    """Whether the rates have a kink at every size or in every layer."""
+    parameter = state.parameters(buffer)
+    model = parameter.segregation_model
+    partly = model == PROPORTIONAL and parameter.segregation_proportion > 0.0
+    return partly or model == CLASSIFIED or reconstructed(buffer)
+
+
+@kernel
+def first_pair(buffer, book):
+    """A first step of the pair, as a part of the longest that is stable."""
+    tolerance = state.parameters(buffer).tolerance * book.share
+    return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
+
+
+@kernel
+def choose_scheme(buffer, book, fastest, left):
+    """The scheme that is cheapest for the steps that accuracy and stability allow, and its step.
+
+    The cost is rates over time: six a step of the pair, as many as stages of the others. Returns
+    the scheme and h [s].
+    """
+    most = STABLE / fastest if fastest > 0.0 else left
+    pace = book.pace if book.pace > 0.0 else first_pair(buffer, book) * most
+    scheme, h = PAIR, min(pace, most)
+    rates = 6
+    wide = book.wide
+    if wide > 0.0:
+        scale = 1.0 / fastest if fastest > 0.0 else left
+        for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
+            reach = min(wide, CHAIN_STABLE[stages - CHAIN_LEAST] * scale)
+            if stages * h < rates * reach:
+                scheme, h, rates = CHAIN, reach, stages
+            if reach == wide:
+                break
+    # Steps of one length to the end.
+    return scheme, left / max(1.0, ceil(left / h - SLACK))
+
+
+@kernel
+def step_factor(error, scheme):
+    """Next step over this one, of which `error` is the estimate as a part of what is allowed.
+
+    What is allowed grows with the step: an error of order h^p leaves the root of order p - 1. That
+    of the pair, 5, is taken as 16/3, that of the chain, 3, as 16/5: square roots are cheap.
+    """
+    root = sqrt(max(error, 1e-10))
+    root = sqrt(root)
+    if scheme == CHAIN:
+        return SAFETY_WIDE / (root * sqrt(sqrt(root)))
+    root = sqrt(root)
+    return SAFETY / (root * sqrt(root))
+
+
+@kernel
+def longest_step(scheme, h, fastest):
+    """A step that may be a little longer than h, but for stability, s."""
+    if fastest == 0.0:
+        return STRETCH * h
+    most = STABLE if scheme == PAIR else CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
+    return min(STRETCH * h, max(h, most / fastest))
+
+
+@kernel
+def explicit_length(
+    buffer, scene, book, layers, left, growth, distance, kink, fastest, moment, shortest
+):
+    """Find the length of an explicit step that meets the tolerance, its stages done.
+
+    growth: of the top layer, kg/(m2 s); distance: what it gains or loses until a kink, kg/m2; kink:
+    time until then, s. Returns the length [s], the scheme, and the part of the step that lies
+    before a kink; 1: all.
+    """
+    counter = state.counters(buffer)
+    load = block_load(buffer, state.AT.stage, NOW)
+    staged = block_load(buffer, state.AT.stage, STAGED)
+    full = scene.layer_full if layers > 1 else scene.contact_load
+    mass, miss = layer_mass(load, layers - 1), miss_of(buffer, layers, growth)
+    kinks = has_kinks(buffer)
+    margin = MARGIN_SORTED if kinks else MARGIN
+    scheme, h = choose_scheme(buffer, book, fastest, left)
+    cut = 0.0 < kink < STRETCH * h
+    passes = cut and growth < 0.0 and follows_share(buffer, layers)
+    if passes:
+        over = over_allowed(buffer, scene, book, layers, h, growth)
+        if over > 0.0:
+            cut = False
+            h = min(h, (mass + over) / -growth)
+    if cut:
+        # A little further, where the rates go on smoothly: it ends at the kink all the same.
+        past = PAST * kink if layers > 1 and growth < 0.0 else kink
+        h = min(past, longest_step(scheme, h, fastest), left)
+    landings, first = 0, book.wide == 0.0 and state.extent(buffer).parts > 0.0
+    landed = 1.0
+    while True:
+        allowed = margin[scheme] * allowance(buffer, scene, book, h)
+        if scheme == CHAIN:
+            stages = chain_stages(h * fastest)
+            error = chain_step(buffer, scene, layers, h, stages, moment) / allowed
+        else:
+            error = pair_step(buffer, scene, layers, h, moment) / allowed
+            if not kinks and state.extent(buffer).source_terms == 0.0:
+                error *= max(LEAST_HIGHER, HIGHER * h * fastest)
+        moved = abs(layer_mass(staged, layers - 1) - mass)
+        lands = distance > 0.0 and moved > distance + miss * full and landings < 8
+        if lands and passes:
+            most = FORETOLD * OVER_MARGIN * allowance(buffer, scene, book, h)
+            lands = misplaced(buffer, scene, layers, STAGED, K7, moved - mass) > most
+        if lands:
+            # Past a kink: the step ends there, and is tried anew where its error came from that.
+            part = part_to_kink(buffer, layers, h, scheme, distance if growth > 0.0 else -distance)
+            counter.landings += 1
+            cut = True
+            if error > 1.0:
+                h *= max(part, LEAST_LANDING)
+                landings += 1
+                continue
+            landed = part
+        fit = h * min(5.0, max(0.2, step_factor(error, scheme)))
+        if error > 1.0 and h > shortest:
+            counter.column_steps_rejected += 1
+            h = min(fit, 0.9 * h)
+            cut = False
+            continue
+        if error > 1.0:
+            counter.column_steps_forced += 1
+        if scheme == PAIR:
+            book.pace = max(fit, book.pace) if cut else fit
+            if first:  # of a cohort: the next one begins with it
+                book.first_pace = fit
+            error = third_order_error(buffer, h, layers) * margin[PAIR] / (allowed * MARGIN_WIDE)
+            book.wide = h * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
+            counter.pair_steps += 1
+        else:
+            # No step was tried that is longer than the chain is stable.
+            fit = min(fit, CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / fastest)
+            book.wide = max(fit, book.wide) if cut else fit
+            counter.chain_steps += 1
+        return h, scheme, landed
+
+
+@kernel
+def implicit_length(buffer, scene, book, layers, left, kink, moment, shortest):
+    """Find the length of an implicit step that meets the tolerance, its trials done; s."""
+    counter = state.counters(buffer)
+    if book.step <= 0.0:
+        book.step, book.order = first_step(scene, left), 3
+    while True:
+        planned, order = book.step, book.order
+        h = left if planned > 0.99 * left else min(planned, 0.5 * left)
+        if shortest < kink < h:
+            h = kink
+        used = try_implicit(buffer, scene, layers, h, moment, book)
+        if used < 0 and h > shortest:
+            counter.column_steps_rejected += 1
+            continue
+        if used < 0:
+            counter.column_steps_forced += 1
+            book.step = 4.0 * h
+        elif h < planned:
+            book.step, book.order = max(planned, book.step), max(order, book.order)
+        return h
+
+
+@kernel
+def try_implicit(buffer, scene, layers, h, moment, book):
+    """Raise the order until the error of a step of h meets the tolerance.
+
+    Returns the number of trials, negative if it does not meet it; the next step and order go to
+    `book`.
+    """
+    allowed = allowance(buffer, scene, book, h)
+    counter = state.counters(buffer)
+    target = book.order
+    rows = rows_in_use(buffer, scene, block_load(buffer, state.AT.stage, NOW), layers, h, moment)
+    book.rows = rows
+    last, last_cost, last_fit = 1.0, 1e300, h
+    used = 0
+    for k in range(min(target + 1, state.MAX_ORDER)):
+        run_trial(buffer, scene, k, layers, rows, h, moment)
+        counter.sub_steps += k + 1
+        extrapolate(buffer, k, rows)
+        used = k + 1
+        if k == 0:
+            continue
+        error = max(step_error(buffer, rows) / allowed, 1e-30)
+        fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
+        cost = trial_cost(used) / fit
+        if error <= 1.0:
+            book.order, book.step = used, fit
+            if last_cost < 0.9 * cost:
+                book.order, book.step = used - 1, last_fit
+            elif used < state.MAX_ORDER - 1:
+                book.order, book.step = used + 1, trial_cost(used + 1) / cost
+            return used
+        gain = min(1.0, error / last) if k > 1 else 0.1
+        expected = error * raised(gain, target - used)
+        book.step = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
+        if k > 1 and expected * gain > 4.0:
+            break
+        last, last_cost, last_fit = error, cost, fit
+    return -used
+
+
+@kernel
+def trial_cost(order):
+    """Basic steps of an extrapolated step of this order, and one for its overhead."""
+    return 1.0 + 0.5 * order * (order + 1)

@@ -1,0 +1,225 @@
+"""Mean velocity of a bed of grains, fitted to particle simulations (MODEL.md, "Displacement")."""
+
+from __future__ import annotations
+
+import math
+
+from vibroscreen.kernels.language import entry, kernel, view1, view2
+from vibroscreen.kernels.numerics.elementary import cos, tan
+from vibroscreen.kernels.physics.motion import (
+    BODY,
+    CONSTANT,
+    EDGE,
+    GRAVITY,
+    ROLLS,
+    ROWS,
+    WAVE,
+    _wave_at,
+)
+from vibroscreen.kernels.physics.rigid_body import (
+    AIRBORNE,
+    FLIGHTS,
+    FLYING,
+    HEIGHT,
+    LOSS,
+    MEASURED,
+    RISE,
+    SLIP,
+    TRAVEL,
+    _block_periods,
+    _set_motion,
+    _write_result,
+)
+
+# the bed needs no edges: their place holds what it needs
+SWING_STEPS = 200
+SWING = EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
+SETTLING_PERIODS = 64
+BED_THROW = 4.5  # throw number up to which the bed was checked
+# softness of landing [1], damping [1], friction of shaken grains [1], drag [s/m]: first and third
+# fitted to particle simulations (plant_examples/bed_velocity.py), the others round
+BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
+
+
+@kernel
+def _set_swing(work):
+    """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
+    wave = view2(work, WAVE, ROWS, 5)
+    swing = view2(work, SWING, SWING_STEPS, 2)
+    along, normal, _, _ = _wave_at(wave, 0.0, 1)
+    for k in range(SWING_STEPS):
+        next_along, next_normal, _, _ = _wave_at(wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1)
+        swing[k, 0] = next_along - along
+        swing[k, 1] = next_normal - normal
+        along, normal = next_along, next_normal
+
+
+@kernel
+def _press(height, rise, gain, landing, damping):
+    """Contact force on the bed in a step of backward Euler, then its height and rise after it.
+
+    The bed pushes with spring and damper of the landing time and cannot pull; `gain` is what the
+    deck gains in normal velocity.
+    """
+    step = 2.0 * math.pi / SWING_STEPS
+    free = rise - step - gain
+    force = 0.0
+    if height + step * min(rise, 0.0) < 0.0:
+        resistance = (2.0 * damping + step / landing) / landing
+        spring = height / (landing * landing)
+        slowed = (free - step * spring) / (1.0 + step * resistance)
+        force = max(0.0, -resistance * slowed - spring)
+    rise = free + step * force
+    return force, height + step * rise, rise
+
+
+@kernel
+def bed_friction(friction, grains):
+    """Friction of a bed that slips at its base and shears inside, at rest [1]."""
+    return friction * grains / math.sqrt(friction * friction + grains * grains)
+
+
+@kernel
+def _drag(velocity, force, rate, grip, drag):
+    """Deceleration of a bed that would slip with `velocity`, and its derivative.
+
+    Two resistances, the lesser counts: the bed needs the landing time to take the velocity of the
+    deck, and friction is limited.
+    """
+    step = 2.0 * math.pi / SWING_STEPS
+    speed = abs(velocity)
+    if force <= 0.0 or speed == 0.0:
+        return 0.0, 0.0
+    soft_rate = rate / (1.0 + step * rate)
+    soft = soft_rate * speed
+    limit = force * (grip + drag * speed)
+    both = math.sqrt(soft * soft + limit * limit)
+    weak = limit / both
+    strong = soft / both
+    slope = soft_rate * weak * weak * weak + force * drag * strong * strong * strong
+    value = min(soft * weak, speed / step)
+    return (value if velocity > 0.0 else -value), min(slope, 1.0 / step)
+
+
+@kernel
+def _ride(work, periods, share, slope, landing, grip, drag):
+    """Follow the bed through so many periods from its state at phase 0 on.
+
+    `share` of the contact force counts for friction.
+    Returns the derivative of the slip velocity at the end in that at the start; travel, time in the
+    air, flights and loss are those of these periods.
+    """
+    body = view1(work, BODY, 15)
+    damping = work[CONSTANT + 1]
+    rate = (1.0 - work[ROLLS]) * damping / landing
+    step = 2.0 * math.pi / SWING_STEPS
+    for k in range(TRAVEL, MEASURED):
+        body[k] = 0.0
+    height, rise, slip = body[HEIGHT], body[RISE], body[SLIP]
+    memory = 1.0
+    for k in range(periods * SWING_STEPS):
+        gain = view1(work, SWING + 2 * (k % SWING_STEPS), 2)
+        flies, fast, fell = body[FLYING], slip, rise
+        force, height, rise = _press(height, rise, gain[1], landing, damping)
+        body[FLYING] = 1.0 if force == 0.0 else 0.0
+        body[AIRBORNE] += step * body[FLYING]
+        body[FLIGHTS] += 1.0 if body[FLYING] > flies else 0.0
+        free = slip + step * slope - gain[0]
+        drop, change = _drag(free, share * force, rate, grip, drag)
+        slip = free - step * drop
+        memory *= 1.0 - step * change
+        body[TRAVEL] += step * slip
+        # with mean velocities of a step the deck's work is exactly what is lost less gravity's
+        body[LOSS] += 0.5 * step * (drop * (slip + fast) - force * (rise + fell))
+    body[HEIGHT], body[RISE], body[SLIP] = height, rise, slip
+    return memory
+
+
+@kernel
+def _settle_landing(work, landing, longer):
+    """Follow the bed off the deck until its state repeats; the number of periods to measure.
+
+    1, or `longer` where landings do not repeat every period.
+    """
+    body = view1(work, BODY, 15)
+    swing = view2(work, SWING, SWING_STEPS, 2)
+    damping = work[CONSTANT + 1]
+    for _ in range(SETTLING_PERIODS):
+        height, rise = body[HEIGHT], body[RISE]
+        for k in range(SWING_STEPS):
+            force, height, rise = _press(height, rise, swing[k, 1], landing, damping)
+        moved = abs(height - body[HEIGHT]) + abs(rise - body[RISE])
+        body[HEIGHT], body[RISE] = height, rise
+        body[FLYING] = 1.0 if force == 0.0 else 0.0
+        if moved < 1e-9:
+            return 1
+    return longer
+
+
+@kernel
+def _settle_slip(work, periods, slope, landing, grip, drag):
+    """Find the slip velocity that repeats after so many periods, and leave the bed after them.
+
+    What the periods make of a slip velocity grows with it, but by less: there is one that repeats,
+    and Newton's method kept between the bounds that are known finds it.
+    """
+    body = view1(work, BODY, 15)
+    height, rise, flies = body[HEIGHT], body[RISE], body[FLYING]
+    # landings that do not repeat leave some rise: without it the deck has carried the weight
+    _ride(work, periods, 1.0, slope, landing, grip, drag)
+    carried = 1.0 + (body[RISE] - rise) / (2.0 * math.pi * periods)
+    share = 1.0 / max(carried, 0.1)
+    low, high = -math.inf, math.inf
+    slip = 0.0
+    for _ in range(40):
+        body[HEIGHT], body[RISE], body[FLYING], body[SLIP] = height, rise, flies, slip
+        memory = _ride(work, periods, share, slope, landing, grip, drag)
+        change = body[SLIP] - slip
+        if memory == 1.0:
+            break  # never on the deck
+        if change > 0.0:
+            low = slip
+        else:
+            high = slip
+        following = slip + change / (1.0 - memory)
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        if abs(following - slip) < 1e-9 * (1.0 + abs(slip)):
+            break
+        slip = following
+
+
+@entry("void(matrix, vector, vector, vector)")
+def solve_bed(harmonic, drive, result, work):
+    """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
+    if not _set_motion(harmonic, drive, result, work):
+        return
+    throw = result[5]
+    weight = GRAVITY * cos(drive[1])
+    velocity_unit = weight / (2.0 * math.pi * drive[0])
+    slope = tan(drive[1])
+    landing = work[CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
+    grip = bed_friction(drive[2], work[CONSTANT + 2])
+    drag = work[CONSTANT + 3] * velocity_unit
+    work[ROLLS] = drive[4]
+    _set_swing(work)
+    for k in range(15):
+        work[BODY + k] = 0.0
+    periods = _settle_landing(work, landing, _block_periods(throw))
+    _settle_slip(work, periods, slope, landing, grip, drag)
+    _write_result(periods, 0.0, weight, velocity_unit, result, work)
+    if result[6] == 0.0 and (slope > grip or throw > BED_THROW):
+        result[6] = 3.0
+
+
+@kernel
+def bed_of_grains(harmonic, drive, result, work):
+    """Mean velocity of a bed of grains along the deck [m/s]: it lands softly and resists by speed.
+
+    Arguments as in rigid_body; spread is 0, dissipation that of landing and slip. Status 2: the
+    mean velocity is negative; 3: outside of what the constants were checked for, steeper than the
+    friction of the bed or above throw number BED_THROW.
+    """
+    for k in range(4):
+        work[CONSTANT + k] = BED_CONSTANTS[k]
+    solve_bed(harmonic, drive, result, work)

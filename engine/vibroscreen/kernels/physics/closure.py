@@ -1,0 +1,73 @@
+"""How passage and percolation follow from the vibration (MODEL.md, "Closures in the vibration")."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.physics.motion import GRAVITY
+
+# Places in the field `closure`; 1 there: the velocity follows from the vibration.
+OF_PASSAGE, OF_SEGREGATION = 0, 1
+
+
+@kernel
+def peak_acceleration(harmonic, frequency):
+    """Largest acceleration of the deck over g, K [1]; of several harmonics the sum, a bound.
+
+    harmonic[k]: order, then the factors [m] of cos and sin along, and of cos and sin normal.
+    """
+    total = 0.0
+    for k in range(harmonic.shape[0]):
+        along = harmonic[k, 1] * harmonic[k, 1] + harmonic[k, 2] * harmonic[k, 2]
+        normal = harmonic[k, 3] * harmonic[k, 3] + harmonic[k, 4] * harmonic[k, 4]
+        both = harmonic[k, 1] * harmonic[k, 3] + harmonic[k, 2] * harmonic[k, 4]
+        half = 0.5 * (along - normal)
+        major = 0.5 * (along + normal) + sqrt(half * half + both * both)
+        total += harmonic[k, 0] * harmonic[k, 0] * sqrt(major)
+    speed = 2.0 * pi * frequency
+    return total * speed * speed / GRAVITY
+
+
+@kernel
+def peak_normal_velocity(harmonic, frequency):
+    """Largest velocity of the deck normal to itself, V [m/s]; of several harmonics the sum."""
+    total = 0.0
+    for k in range(harmonic.shape[0]):
+        normal = harmonic[k, 3] * harmonic[k, 3] + harmonic[k, 4] * harmonic[k, 4]
+        total += harmonic[k, 0] * sqrt(normal)
+    return 2.0 * pi * frequency * total
+
+
+@kernel
+def throw_height(harmonic, frequency):
+    """Height to which the deck throws, V^2/(2 g) [m]."""
+    velocity = peak_normal_velocity(harmonic, frequency)
+    return 0.5 * velocity * velocity / GRAVITY
+
+
+@kernel
+def looseness(acceleration):
+    """How loose shaking keeps the bed: (1 - 1/K^2)^2, 0 up to K = 1."""
+    if acceleration <= 1.0:
+        return 0.0
+    free = 1.0 - 1.0 / (acceleration * acceleration)
+    return free * free
+
+
+@kernel
+def passage_factor(harmonic, frequency, aperture):
+    """u over its value in a loose bed at V = sqrt(g a): looseness sqrt(sqrt(g a)/V)."""
+    velocity = peak_normal_velocity(harmonic, frequency)
+    if velocity <= 0.0:
+        return 0.0
+    loose = looseness(peak_acceleration(harmonic, frequency))
+    return loose * sqrt(sqrt(GRAVITY * aperture) / velocity)
+
+
+@kernel
+def percolation_factor(harmonic, frequency, contact_depth):
+    """w over its value in a loose bed at V = sqrt(g h_c): looseness V^2/(g h_c)."""
+    velocity = peak_normal_velocity(harmonic, frequency)
+    loose = looseness(peak_acceleration(harmonic, frequency))
+    return loose * velocity * velocity / (GRAVITY * contact_depth)

@@ -1,0 +1,88 @@
+"""Motion of the deck along and normal to a panel, as harmonics (MODEL.md, "Displacement")."""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.language import entry, kernel
+from vibroscreen.kernels.numerics.elementary import cos, sin, sine_cosine
+
+GRAVITY = 9.81
+ROWS = 5
+MAX_ORDER = 8
+MAX_EDGES = 6 * MAX_ORDER + 2
+# offsets in the work array
+WAVE = 0  # [ROWS, 5] order, along cos, along sin, normal cos, normal sin
+LAW = WAVE + 5 * ROWS  # [5, 3] constant, along, normal
+FORM = LAW + 15  # constant, linear, quadratic, along, normal, phase of origin
+EDGE = FORM + 6  # [MAX_EDGES, 8] phase, xi, xi', eta, eta', signs of the laws 0 to 2
+BODY = EDGE + 8 * MAX_EDGES
+PLACE = BODY + 15  # phase, xi, xi', eta, eta'
+NODE = PLACE + 5  # [2, 5] phase, xi'', eta'', xi''', eta'''
+PAST = NODE + 10  # [3, 4] state two periods ago, one period ago, reference
+ORDER = PAST + 12  # highest order
+EDGES = ORDER + 1  # number of edges in use
+CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
+ROLLS = CONSTANT + 4  # share of the grip that rolling takes, drive[4]
+WORK_SIZE = CONSTANT + 5
+
+
+@entry("void(vector, matrix, float64, matrix)")
+def compose_motion(motion, extra, rotation, harmonic):
+    """Motion of the deck along and normal to a panel [m] as harmonics.
+
+    motion[4] = frequency, amplitude, throw angle, ellipticity of the first panel; extra[k, 5] =
+    order, along, along phase, normal, normal phase; rotation = inclination of the panel minus that
+    of the first one [rad], so that the throw angle b becomes b + rotation. Written to
+    harmonic[5, 5]: order, then the factors of cos and sin along and of cos and sin normal.
+    """
+    amplitude = motion[1]
+    throw_angle = motion[2] + rotation
+    harmonic[0, 0] = 1.0
+    harmonic[0, 1] = -amplitude * motion[3] * sin(throw_angle)
+    harmonic[0, 2] = amplitude * cos(throw_angle)
+    harmonic[0, 3] = amplitude * motion[3] * cos(throw_angle)
+    harmonic[0, 4] = amplitude * sin(throw_angle)
+    turn_cos = cos(rotation)
+    turn_sin = sin(rotation)
+    for k in range(ROWS - 1):
+        along_cos = extra[k, 1] * cos(extra[k, 2])
+        along_sin = -extra[k, 1] * sin(extra[k, 2])
+        normal_cos = extra[k, 3] * cos(extra[k, 4])
+        normal_sin = -extra[k, 3] * sin(extra[k, 4])
+        harmonic[k + 1, 0] = extra[k, 0]
+        harmonic[k + 1, 1] = along_cos * turn_cos - normal_cos * turn_sin
+        harmonic[k + 1, 2] = along_sin * turn_cos - normal_sin * turn_sin
+        harmonic[k + 1, 3] = along_cos * turn_sin + normal_cos * turn_cos
+        harmonic[k + 1, 4] = along_sin * turn_sin + normal_sin * turn_cos
+
+
+@kernel
+def _wave_at(wave, phase, derivative):
+    """Derivative of order `derivative` of xi and eta, then the next one of both."""
+    along = 0.0
+    normal = 0.0
+    along_rate = 0.0
+    normal_rate = 0.0
+    first_sine, first_cosine = sine_cosine(phase)
+    for k in range(ROWS):
+        order = wave[k, 0]
+        if order == 0.0:
+            break
+        cosine = first_cosine
+        sine = first_sine
+        for _ in range(int(order) - 1):
+            turned = cosine * first_cosine - sine * first_sine
+            sine = sine * first_cosine + cosine * first_sine
+            cosine = turned
+        if derivative & 1:
+            cosine, sine = -sine, cosine
+        factor = 1.0
+        for _ in range(derivative):
+            factor *= order
+        if derivative & 2:
+            factor = -factor
+        along += factor * (wave[k, 1] * cosine + wave[k, 2] * sine)
+        normal += factor * (wave[k, 3] * cosine + wave[k, 4] * sine)
+        factor *= order
+        along_rate += factor * (wave[k, 2] * cosine - wave[k, 1] * sine)
+        normal_rate += factor * (wave[k, 4] * cosine - wave[k, 3] * sine)
+    return along, normal, along_rate, normal_rate

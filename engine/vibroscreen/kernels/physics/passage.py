@@ -1,0 +1,29 @@
+"""Passage out of the contact layer: the law is chosen by its number (MODEL.md, "Passage").
+
+    law(size[node], fraction[node], scene, probability[node])
+
+reads node sizes in m (ascending), the mass fractions F_0 in the contact layer and the scene of the
+panel, and writes P_i.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.language import call_passage, kernel
+from vibroscreen.kernels.physics.bounce import bounce
+from vibroscreen.kernels.physics.gaudin import gaudin
+from vibroscreen.kernels.physics.pelevin import pelevin
+
+GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
+
+
+@kernel
+def passage_probability(law, address, size, fraction, scene, probability):
+    """P_i of the chosen law; `address` is that of a user's own."""
+    if law == GAUDIN:
+        gaudin(size, fraction, scene, probability)
+    elif law == PELEVIN:
+        pelevin(size, fraction, scene, probability)
+    elif law == BOUNCE:
+        bounce(size, fraction, scene, probability)
+    else:
+        call_passage(address, size, fraction, scene, probability)

@@ -1,0 +1,20 @@
+"""The velocity that the user gives."""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.physics.motion import ORDER
+from vibroscreen.kernels.physics.rigid_body import rigid_body
+
+
+@kernel
+def prescribed(harmonic, drive, result, work):
+    """Velocity of the bed as given [m/s]: drive[3]; at rest while the deck does not vibrate.
+
+    Arguments as in rigid_body. Flights, throw number and dissipation are those of the rigid body,
+    0 where it has no regime; spread and status are 0.
+    """
+    rigid_body(harmonic, drive, result, work)
+    result[0] = drive[3] if work[ORDER] > 0.0 else 0.0
+    result[1] = 0.0
+    result[6] = 0.0

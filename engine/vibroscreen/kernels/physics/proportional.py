@@ -1,0 +1,18 @@
+"""The paper's original model: a part of the bed is sorted, the rest mixed."""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.language import kernel
+from vibroscreen.kernels.physics.classified import classified
+from vibroscreen.kernels.physics.layer import NOTHING, layer_mass
+
+
+@kernel
+def proportional(size, load, layers, scene, contact, percolation):
+    """Contact composition (1 - chi) mean + chi classified (the paper's original separation)."""
+    classified(size, load, layers, scene, contact, percolation)
+    mass = layer_mass(load, 0)
+    share = 1.0 / mass if mass > NOTHING else 0.0
+    chi = scene.proportion
+    for i in range(size.size):
+        contact[i] = (1.0 - chi) * share + chi * contact[i]

@@ -1,0 +1,31 @@
+"""Segregation in the bed: the model is chosen by its number (MODEL.md, "Segregation").
+
+    model(size[node], load[layer, node], layers, scene, contact[node], percolation[layer, node])
+
+writes the contact weights [m2/kg] and the percolation downwards [1/s].
+"""
+
+from __future__ import annotations
+
+from vibroscreen.kernels.language import call_segregation, kernel
+from vibroscreen.kernels.physics.classified import classified
+from vibroscreen.kernels.physics.exchange import exchange
+from vibroscreen.kernels.physics.proportional import proportional
+from vibroscreen.kernels.physics.well_mixed import well_mixed
+
+WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
+
+
+@kernel
+def segregate(model, address, size, load, layers, scene, contact, percolation):
+    """Contact weights and percolation rates of the chosen model; `address` is a user's own."""
+    if model == WELL_MIXED:
+        well_mixed(size, load, layers, scene, contact, percolation)
+    elif model == PROPORTIONAL:
+        proportional(size, load, layers, scene, contact, percolation)
+    elif model == EXCHANGE:
+        exchange(size, load, layers, scene, contact, percolation)
+    elif model == CLASSIFIED:
+        classified(size, load, layers, scene, contact, percolation)
+    else:
+        call_segregation(address, size, load, layers, scene, contact, percolation)

@@ -1,0 +1,235 @@
+"""The closed circuit in a co-simulation tool: `python tests/fmu/masters.py TOOL FOLDER` prints a load.
+
+FOLDER holds what plant_examples/circuit_of_fmus.py writes. A tool runs in a process of its own, so
+that it must also end well. Every function returns the circulating load at the end, 1.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from circuit_of_fmus import (
+    DURATION,
+    ELEMENTS,
+    FRESH_FEED,
+    OVERSIZE,
+    STEP,
+    STREAMS,
+    connections,
+    run,
+)
+
+NANOSECONDS = 1_000_000_000
+CLASSES = 12
+# An iterating master solves every step anew: longer steps, and no delay that they add.
+LONG_STEP = 20.0
+CONTAINER = "closed_circuit_container"
+SSP = "closed_circuit.ssp"
+
+
+def fmpy_loop(folder: Path) -> float:
+    """A script that steps element by element."""
+    return run({element: folder / f"{model}.fmu" for element, model in ELEMENTS.items()})
+
+
+def fmpy_ssp(folder: Path) -> float:
+    """fmpy's own SSP simulation."""
+    from fmpy.ssp.simulation import simulate_ssp
+
+    result = simulate_ssp(str(folder / SSP), stop_time=DURATION, step_size=STEP)
+    return float(result[".".join(OVERSIZE)][-1] / FRESH_FEED)
+
+
+def libcosimpy(folder: Path) -> float:
+    """libcosim of the Open Simulation Platform, in C++."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+
+    log_output_level(CosimLogLevel.WARNING)
+    execution = CosimExecution.from_ssp_file(str(folder / SSP), step_size=round(STEP * NANOSECONDS))
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer)
+    assert execution.simulate_until(target_time=round(DURATION * NANOSECONDS))
+    element, variable = OVERSIZE
+    index = next(s.index for s in execution.slave_infos() if s.name.decode() == element)
+    variables = execution.slave_variables(index)
+    reference = next(v.reference for v in variables if v.name.decode() == variable)
+    (oversize,) = observer.last_real_values(index, [reference])
+    return float(oversize / FRESH_FEED)
+
+
+def ecospy(folder: Path) -> float:
+    """Ecos, in C++; it needs libtbb.so.12, which the package tbb brings."""
+    library = Path(sys.prefix, "lib", "libtbb.so.12")
+    if library.exists():
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    from ecospy import EcosSimulation
+
+    with EcosSimulation(ssp_path=str(folder / SSP), step_size=STEP) as simulation:
+        simulation.init()
+        simulation.step_until(DURATION)
+        oversize = simulation.get_real("::".join(OVERSIZE))
+        simulation.terminate()
+    return float(oversize / FRESH_FEED)
+
+
+def container(folder: Path) -> float:
+    """One FMU of the four by the FMU manipulation toolbox, which plugs their terminals."""
+    from fmpy import simulate_fmu
+
+    lines = ["rule;from_fmu;from_port;to_fmu;to_port"]
+    lines += [f"FMU;{model}.fmu;;;" for model in ELEMENTS.values()]
+    lines += [
+        f"LINK;{ELEMENTS[source]}.fmu;{output};{ELEMENTS[target]}.fmu;{given}"
+        for source, output, target, given in STREAMS
+    ]
+    element, variable = OVERSIZE
+    lines.append(f"OUTPUT;{ELEMENTS[element]}.fmu;{variable};;oversize")
+    (folder / f"{CONTAINER}.csv").write_text("\n".join(lines) + "\n")
+    tool = "from fmu_manipulation_toolbox.cli.fmucontainer import fmucontainer as f; f()"
+    command = [sys.executable, "-c", tool, "-no-auto-output"]
+    command += ["-fmu-directory", str(folder), "-container", f"{CONTAINER}.csv:{STEP:g}"]
+    made = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = made.stdout + made.stderr
+    assert made.returncode == 0, said
+    assert "plug" not in said, said
+    path = folder / f"{CONTAINER}.fmu"
+    result = simulate_fmu(str(path), stop_time=DURATION, step_size=STEP, output_interval=STEP)
+    assert result["time"][-1] == DURATION  # a discarded step ends the run without an exception
+    return float(result["oversize"][-1] / FRESH_FEED)
+
+
+def pathsim(folder: Path) -> float:
+    """PathSim, with its blocks for FMUs; an input without a wire is 0 to it: a constant feeds it."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Constant
+    from pathsim_fmi import CoSimulationFMU
+
+    units = {
+        element: CoSimulationFMU(str(folder / f"{model}.fmu"), element, dt=STEP)
+        for element, model in ELEMENTS.items()
+    }
+    wires = [
+        Connection(units[source][output], units[target][given])
+        for source, output, target, given in connections(CLASSES)
+    ]
+    wired = {(target, given) for _, _, target, given in connections(CLASSES)}
+    constants = []
+    for element, unit in units.items():
+        for name, value in inputs(folder / f"{ELEMENTS[element]}.fmu").items():
+            if (element, name) not in wired:
+                constants.append(Constant(value))
+                wires.append(Connection(constants[-1], unit[name]))
+    Simulation([*constants, *units.values()], wires, dt=STEP, log=False).run(DURATION)
+    element, variable = OVERSIZE
+    return float(units[element].outputs[variable] / FRESH_FEED)
+
+
+def gemseo(folder: Path) -> float:
+    """GEMSEO, elements one after the other; what has one name is connected."""
+    from gemseo_fmu.disciplines.do_step_fmu_discipline import DoStepFMUDiscipline
+    from gemseo_fmu.disciplines.time_stepping_system import TimeSteppingSystem
+
+    outputs: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
+    given: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
+    for source, output, target, name in connections(CLASSES):
+        outputs[source][output] = given[target][name] = f"{source}.{output}"
+    units = [
+        DoStepFMUDiscipline(
+            folder / f"{model}.fmu",
+            input_names=tuple(given[element]),
+            output_names=tuple(outputs[element]),
+            name=element,
+            variable_names=outputs[element] | given[element],
+        )
+        for element, model in ELEMENTS.items()
+    ]
+    system = TimeSteppingSystem(units, DURATION, STEP, mda_name="MDAGaussSeidel")
+    return float(system.execute()[".".join(OVERSIZE)][-1] / FRESH_FEED)
+
+
+def inputs(path: Path) -> dict[str, float]:
+    """Start values of an FMU's inputs, for tools that take 0 for what they are not told."""
+    from fmpy import read_model_description
+
+    variables = read_model_description(str(path)).modelVariables
+    return {v.name: float(v.start) for v in variables if v.causality == "input"}
+
+
+def cofmupy_jacobi(folder: Path) -> float:
+    """CoFmuPy, all elements fed by the outputs of the step before."""
+    return _cofmupy(folder, "jacobi", iterative=False, step=STEP)
+
+
+def cofmupy_gauss_seidel(folder: Path) -> float:
+    """CoFmuPy, elements one after the other."""
+    return _cofmupy(folder, "gauss_seidel", iterative=False, step=STEP)
+
+
+def cofmupy_iterative(folder: Path) -> float:
+    """CoFmuPy, every step repeated from saved states until the loop is closed."""
+    return _cofmupy(folder, "gauss_seidel", iterative=True, step=LONG_STEP)
+
+
+def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> float:
+    from cofmupy import Coordinator
+
+    paths = {element: folder / f"{model}.fmu" for element, model in ELEMENTS.items()}
+    configuration = {
+        "fmus": [
+            {"id": element, "name": element, "path": str(path), "initialization": inputs(path)}
+            for element, path in paths.items()
+        ],
+        "connections": [
+            {
+                "source": {"id": source, "variable": output, "unit": "", "type": "fmu"},
+                "target": [{"id": target, "variable": given, "unit": "", "type": "fmu"}],
+            }
+            for source, output, target, given in connections(CLASSES)
+        ],
+        "cosim_method": method,
+        "iterative": iterative,
+        "edge_sep": " -> ",
+        "root": "",
+    }
+    coordinator = Coordinator()
+    coordinator.start(configuration)
+    for _ in range(round(DURATION / step)):
+        coordinator.do_step(step)
+    return float(coordinator.get_variable(OVERSIZE)[-1] / FRESH_FEED)
+
+
+TOOLS = (fmpy_loop, fmpy_ssp, libcosimpy, ecospy, container, pathsim)
+# Beside packages of their own, for an fmpy of their own: what pip installs for them.
+COFMUPY = (
+    "cofmupy==1.0.0",
+    "fmpy==0.3.20",
+    "networkx==3.2.1",
+    "confluent-kafka",
+    "plotly",
+    "narwhals",
+)
+GEMSEO = (
+    *("gemseo==6.3.3", "gemseo-fmu==3.1.1", "fmpy==0.3.19", "delta", "docstring-inheritance"),
+    *("genson", "h5py", "networkx", "prettytable", "pydantic-settings", "python-dotenv"),
+    *("StrEnum", "tqdm", "wcwidth", "xxhash"),
+)
+APART = {
+    cofmupy_jacobi: COFMUPY,
+    cofmupy_gauss_seidel: COFMUPY,
+    cofmupy_iterative: COFMUPY,
+    gemseo: GEMSEO,
+}
+
+
+if __name__ == "__main__":
+    chosen = next(tool for tool in (*TOOLS, *APART) if tool.__name__ == sys.argv[1])
+    with contextlib.redirect_stdout(sys.stderr):
+        load = chosen(Path(sys.argv[2]))
+    print(json.dumps(load))
