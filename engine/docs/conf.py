@@ -77,6 +77,7 @@ def read_elsewhere(app: Sphinx, page: str, source: list[str]) -> None:
     app.env.note_dependency(str(file))
     text = file.read_text(encoding="utf-8")
     text = re.sub(r"\]\((?:[\w.]+/)*(MODEL|VALIDATION)\.md", lambda m: f"]({m[1].lower()}.md", text)
+    text = text.replace("](docs/", "](")
     folder = "../" + file.parent.relative_to(ENGINE).as_posix()
     source[0] = re.sub(r"(!\[[^\]]*\])\((?!\.)", rf"\1({folder}/", text)
 
