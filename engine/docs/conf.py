@@ -57,13 +57,21 @@ pygments_style = "friendly"
 
 
 # --- equations: MathML, which browsers draw by themselves ---------------------------------------
+def drawn(tex: str, *, as_block: bool = False) -> str:
+    """MathML of TeX, with room around the names of functions."""
+    room = '<mspace width="0.17em"></mspace>'
+    name = re.compile(r"(<m(?:sup|sub|under)>\s*)?(<mi>(?:sin|cos|cot)</mi>)")
+    found = tex2mathml(tex, as_block=as_block)
+    return name.sub(lambda m: m[0] if m[1] else f"{room}{m[2]}{room}", found)
+
+
 def inline_math(translator: Any, node: nodes.math) -> None:
-    translator.body.append(tex2mathml(node.astext()))
+    translator.body.append(drawn(node.astext()))
     raise nodes.SkipNode
 
 
 def block_math(translator: Any, node: nodes.math_block) -> None:
-    equation = tex2mathml(node.astext(), as_block=True)
+    equation = drawn(node.astext(), as_block=True)
     translator.body.append(f'<div class="equation">{equation}</div>')
     raise nodes.SkipNode
 
