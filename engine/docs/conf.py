@@ -29,6 +29,7 @@ copyright = "vibroscreen, MIT licence"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
 exclude_patterns = ["README.md"]
 default_role = "code"
+smartquotes = False
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_fence_as_directive = ["math"]
