@@ -29,6 +29,7 @@ copyright = "vibroscreen, MIT licence"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
 exclude_patterns = ["README.md"]
 default_role = "code"
+smartquotes = False
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_fence_as_directive = ["math"]
@@ -57,13 +58,21 @@ pygments_style = "friendly"
 
 
 # --- equations: MathML, which browsers draw by themselves ---------------------------------------
+def drawn(tex: str, *, as_block: bool = False) -> str:
+    """MathML of TeX, with room around the names of functions."""
+    room = '<mspace width="0.17em"></mspace>'
+    name = re.compile(r"(<m(?:sup|sub|under)>\s*)?(<mi>(?:sin|cos|cot)</mi>)")
+    found = tex2mathml(tex, as_block=as_block)
+    return name.sub(lambda m: m[0] if m[1] else f"{room}{m[2]}{room}", found)
+
+
 def inline_math(translator: Any, node: nodes.math) -> None:
-    translator.body.append(tex2mathml(node.astext()))
+    translator.body.append(drawn(node.astext()))
     raise nodes.SkipNode
 
 
 def block_math(translator: Any, node: nodes.math_block) -> None:
-    equation = tex2mathml(node.astext(), as_block=True)
+    equation = drawn(node.astext(), as_block=True)
     translator.body.append(f'<div class="equation">{equation}</div>')
     raise nodes.SkipNode
 
@@ -77,6 +86,7 @@ def read_elsewhere(app: Sphinx, page: str, source: list[str]) -> None:
     app.env.note_dependency(str(file))
     text = file.read_text(encoding="utf-8")
     text = re.sub(r"\]\((?:[\w.]+/)*(MODEL|VALIDATION)\.md", lambda m: f"]({m[1].lower()}.md", text)
+    text = text.replace("](docs/", "](")
     folder = "../" + file.parent.relative_to(ENGINE).as_posix()
     source[0] = re.sub(r"(!\[[^\]]*\])\((?!\.)", rf"\1({folder}/", text)
 
@@ -85,24 +95,34 @@ def is_future(line: ast.stmt) -> bool:
     return isinstance(line, ast.ImportFrom) and line.module == "__future__"
 
 
-def example_page(script: Path) -> str:
-    """A page for a script: the question that its docstring asks, its picture, its lines."""
-    tree = ast.parse(script.read_text(encoding="utf-8"))
-    docstring = ast.get_docstring(tree) or script.stem
-    code = next(line.lineno for line in tree.body[1:] if not is_future(line))
-    question, _, rest = docstring.partition("\n\n")
-    question, mark, more = " ".join(question.split()).partition("?")
-    rest = f"{more.strip()}\n\n{rest}"
-    rest = re.sub(r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", rest)
-    picture = script.with_suffix(".png")
-    shown = f"![{picture.stem}](../../../plant_examples/{picture.name})" if picture.exists() else ""
-    path = f"../../../plant_examples/{script.name}"
-    return (
-        f"# {question}{mark}\n\n{rest}\n\n{shown}\n\n"
-        f"The script is `plant_examples/{script.name}`.\n\n"
-        f"```{{literalinclude}} {path}\n:language: python\n:lines: {code}-\n"
-        "```\n"
-    )
+class Example:
+    """A script: the question that its docstring asks, what it says of it, its picture."""
+
+    def __init__(self, script: Path) -> None:
+        tree = ast.parse(script.read_text(encoding="utf-8"))
+        first, _, rest = (ast.get_docstring(tree) or script.stem).partition("\n\n")
+        question, mark, more = " ".join(first.split()).partition("?")
+        self.name = script.stem
+        self.question = question + mark
+        self.text = re.sub(
+            r"(?m)^((?: {4}.*\n?)+)", r"```text\n\1\n```\n", f"{more.strip()}\n\n{rest}"
+        )
+        self.code = next(line.lineno for line in tree.body[1:] if not is_future(line))
+        self.path = f"../../../{script.relative_to(ROOT).as_posix()}"
+        pictures = (EXAMPLES / f"{self.name}.png", ENGINE / "validation" / f"{self.name}.png")
+        found = next((picture for picture in pictures if picture.exists()), None)
+        self.picture = f"![](../../../{found.relative_to(ROOT).as_posix()})" if found else ""
+
+    def page(self) -> str:
+        return (
+            f"# {self.question}\n\n{self.text}\n\n{self.picture}\n\n"
+            f"The script is `plant_examples/{self.name}.py`.\n\n"
+            f"```{{literalinclude}} {self.path}\n:language: python\n:lines: {self.code}-\n```\n"
+        )
+
+    def card(self) -> str:
+        picture = f"[{self.picture}]({self.name}.md)\n\n" if self.picture else ""
+        return f"## [{self.question}]({self.name}.md)\n\n{picture}`{self.name}.py`\n\n"
 
 
 def first_of_each(port: Port) -> bool:
@@ -146,16 +166,18 @@ def display_unit(port: Port) -> str:
 def write_pages(app: Sphinx) -> None:
     folder = HERE / "examples"
     folder.mkdir(exist_ok=True)
-    scripts = sorted(EXAMPLES.glob("*.py"))
+    examples = [Example(script) for script in sorted(EXAMPLES.glob("*.py"))]
     for page in folder.glob("*.md"):
         page.unlink()
-    for script in scripts:
-        put(folder / f"{script.stem}.md", example_page(script))
-    names = "\n".join(script.stem for script in scripts)
+    for example in examples:
+        put(folder / f"{example.name}.md", example.page())
+    names = "\n".join(example.name for example in examples)
     put(
         folder / "index.md",
         "# Plant questions\n\nEach example asks one question of a plant and answers it in its last "
-        f"line. They lie in `plant_examples/`.\n\n```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
+        "line. They lie in `plant_examples/`.\n\n"
+        + "".join(example.card() for example in examples)
+        + f"```{{toctree}}\n:hidden:\n\n{names}\n```\n",
     )
     put(HERE / "fmu_variables.md", variables_page())
 
