@@ -2,7 +2,7 @@
 
 Those of a C library differ in the last digit between versions, processors with and without fused
 multiply-add, and systems. Largest errors, in units in the last place of the result, against
-200-bit arithmetic (tests/test_elementary.py):
+200-bit arithmetic (tests/kernels/numerics/test_elementary.py):
 
     exp, log, sine, cosine      0.9  (angles up to ANGLE_LIMIT; beyond, the digits fade)
     tangent, sinh, cosh         2

@@ -37,7 +37,7 @@ SWING = EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along a
 SETTLING_PERIODS = 64
 BED_THROW = 4.5  # throw number up to which the bed was checked
 # softness of landing [1], damping [1], friction of shaken grains [1], drag [s/m]: first and third
-# fitted to particle simulations (plant_examples/bed_velocity.py), the others round
+# fitted to particle simulations (engine/validation/bed_velocity.py), the others round
 BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
 
 
