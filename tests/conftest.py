@@ -22,3 +22,13 @@ def _own_sub_models_stay_in_their_module() -> Iterator[None]:
     for family, models in kept.items():
         registry._models[family].clear()
         registry._models[family].update(models)
+
+
+# Files that take minutes: they start first, so that no core waits for them at the end.
+LONGEST = ("test_native.py", "test_hostile.py", "test_masters.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of the longest files first; the order of all others stays."""
+    rank = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.name, len(LONGEST)))
