@@ -159,12 +159,13 @@ class Scene:
         self.rng = np.random.default_rng(1)
         self.inputs, self.fraction = self.screen.record("input"), self.screen.view("fraction")
         self.parameter = self.screen.record("parameter")
+        self.run = run.on(self.screen.buffer)
         self.duty = np.array(config.feed.mass_fraction)
         self.full = self.residence_time = 0.0
 
     def advance(self) -> None:
         """A step of 1 s through the engine's door."""
-        code = run(self.screen.buffer, ADVANCE, 1.0, 0.0)
+        code = self.run(ADVANCE, 1.0, 0.0)
         assert code == state.ACCEPTED
 
     def near(self, value: float, part: float) -> float:
@@ -265,6 +266,7 @@ class Solution:
         self.config, self.screen, self.calls = config, Screen(config), 0
         self.recovery = self.screen.solve_steady().recovery
         self.layout, self.buffer = self.screen._slice()
+        self.run = run.on(self.buffer)
         self.inputs = self.layout.record(self.buffer, "input")
         Inputs(self.layout, self.buffer).put(config.feed, config.motion)
 
@@ -281,7 +283,7 @@ class Solution:
 
     def bare(self) -> None:
         """The engine alone, with inputs that lie in its buffer."""
-        assert run(self.buffer, SOLVE, 0.0, 0.0) == state.ACCEPTED
+        assert self.run(SOLVE, 0.0, 0.0) == state.ACCEPTED
 
     def whole(self) -> None:
         """As a user calls it; only what a Feed checks of its fractions is left out."""
@@ -644,7 +646,7 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
                     def set_inputs() -> None:
                         part = rng.uniform(-0.02, 0.02) if moving else 0.0
                         frequency = config.motion.frequency * (1.0 + part)
-                        if isinstance(values, np.ndarray):
+                        if hasattr(values, "frequency"):
                             values.frequency = frequency
                         else:
                             values[:] = [*start, frequency]
