@@ -152,7 +152,6 @@ class Compiled:
             taken += [_POINTER, *[ctypes.c_int64] * rank[kind]] if kind in rank else [scalar]
         form = ctypes.CFUNCTYPE(_C_KIND[entry.returned], *taken)
         function = self._function(f"vibroscreen_{entry.name}", form)
-
         if entry.arguments[0] == "vector" and not set(entry.arguments[1:]) & set(rank):
             start = ctypes.c_double.from_buffer  # a third of the time of the general way
 

@@ -172,12 +172,12 @@ def solve_steady(buffer):
     solve_decks(buffer)
     sum_streams(buffer, 1.0)
     write_streams(buffer, 1.0)
-    write_recovery(buffer)
+    write_class_recovery(buffer)
     return state.ACCEPTED
 
 
 @kernel
-def write_recovery(buffer):
+def write_class_recovery(buffer):
     """Part of each class that reaches the undersize, from the streams by class."""
     recovery = state.class_vector(buffer, state.AT.recovery, 0)
     for k in range(recovery.size):

@@ -1,6 +1,6 @@
 """One communication step: check, displacement, feed, deck, ledger, outputs (MODEL.md, "A step").
 
-`advance` and `initialise` give a code of layout.py; anything but ACCEPTED means that nothing was
+`advance` and `initialise` give a code of state.py; anything but ACCEPTED means that nothing was
 changed and that the field `refusal` says what was wrong. Python enters by kernels/entry.py.
 """
 

@@ -64,10 +64,11 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     """Let a column go through `duration` s; returns the number of layers after it.
 
     `load` is advanced in place. The fields column_flux (what passed, kg/m2, and its time integral)
-    and column_time (time integral of the loads, kg s/m2, in D_ROWS rows) hold the sums over the
+    and column_time (time integral of the loads, kg s/m2, in book.rows rows) hold the sums over the
     duration.
-    `reference` is what was fed of each node, kg/m2: errors are a part of it. The first N_SOURCE
-    rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
+    `reference` is what was fed of each node, kg/m2: errors are a part of it. The first
+    `source_terms` rows of `source` are the coefficients in time of what lands on top,
+    kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
     clear_sums(buffer, layers if state.extent(buffer).source_terms == 0.0 else load.shape[0])

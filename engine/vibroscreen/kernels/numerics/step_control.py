@@ -112,8 +112,7 @@ def step_factor(error, scheme):
     What is allowed grows with the step: an error of order h^p leaves the root of order p - 1. That
     of the pair, 5, is taken as 16/3, that of the chain, 3, as 16/5: square roots are cheap.
     """
-    root = sqrt(max(error, 1e-10))
-    root = sqrt(root)
+    root = sqrt(sqrt(max(error, 1e-10)))
     if scheme == CHAIN:
         return SAFETY_WIDE / (root * sqrt(sqrt(root)))
     root = sqrt(root)
@@ -196,7 +195,7 @@ def explicit_length(buffer, scene, book, step, layers):
             counter.column_steps_forced += 1
         if first and scheme == PAIR:  # of a cohort: the next one begins with it
             book.first_pace = fit
-        plan_next(buffer, book, step, layers, fit, allowed, cut)
+        plan_next(buffer, book, step, layers, fit, allowed, kinks, cut)
         return
 
 
@@ -216,12 +215,12 @@ def margin_of(scheme, kinks):
 
 
 @kernel
-def plan_next(buffer, book, step, layers, fit, allowed, cut):
+def plan_next(buffer, book, step, layers, fit, allowed, kinks, cut):
     """Keep the steps that the next ones of the pair and of the chain may have."""
     counter = state.counters(buffer)
     if step.scheme == PAIR:
         book.pace = max(fit, book.pace) if cut else fit
-        margin = margin_of(PAIR, has_kinks(buffer))
+        margin = margin_of(PAIR, kinks)
         error = third_order_error(buffer, step.length, layers) * margin / (allowed * MARGIN_WIDE)
         book.wide = step.length * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
         counter.pair_steps += 1
