@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from vibroscreen.kernels import state
+from vibroscreen.kernels.checks import check
 from vibroscreen.kernels.language import entry
+from vibroscreen.kernels.outputs import read_partition
 from vibroscreen.kernels.steady import (
     follow,
     lay_batch,
@@ -13,7 +15,7 @@ from vibroscreen.kernels.steady import (
     solve_steady,
     start_slice,
 )
-from vibroscreen.kernels.step import advance, initialise, read_partition
+from vibroscreen.kernels.step import advance, initialise
 
 (
     INITIALISE,
@@ -26,7 +28,8 @@ from vibroscreen.kernels.step import advance, initialise, read_partition
     SOLVE_MANY,
     PLACE_NODES,
     READ,
-) = range(10)
+    CHECK,
+) = range(11)
 
 
 @entry("int64(vector, int64, float64, float64)")
@@ -35,7 +38,7 @@ def run(buffer, command, first, second):
 
     INITIALISE; ADVANCE first = s; START_SLICE; START_BELOW first = deck; LAY_BATCH first = kg/m2,
     second = s to come; FOLLOW first = s, second = deck; SOLVE; SOLVE_MANY first = designs, second =
-    whether nodes change; PLACE_NODES; READ what is found only when it is read.
+    whether nodes change; PLACE_NODES; CHECK; READ what is found only when it is read.
     """
     if command == INITIALISE:
         return initialise(buffer)
@@ -43,6 +46,8 @@ def run(buffer, command, first, second):
         return advance(buffer, first)
     if command == START_SLICE:
         return prepare_slice(buffer)
+    if command == CHECK:
+        return check(buffer)
     if command == SOLVE:
         return solve_steady(buffer)
     if command == SOLVE_MANY:

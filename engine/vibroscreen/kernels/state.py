@@ -9,7 +9,7 @@ the whole state of an instance: copying it copies the screen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import prod
 from typing import Any
@@ -18,59 +18,17 @@ import numpy as np
 
 from vibroscreen.kernels.language import Places, Record, Row, kernel, record, view1, view2
 from vibroscreen.kernels.numerics.fours import in_fours
+from vibroscreen.variables import INPUTS, PANELS, PARAMETERS, Variable
+
 
 # --- scalars of a vector field, in order -------------------------------------------------------
-PARAMETER = Record(
-    "bulk_density",
-    "friction_deck",
-    "friction_internal",
-    "rolling",
-    "passage_law",
-    "passage_velocity",
-    "passage_rim",
-    "passage_passing_time",
-    "passage_drift",
-    "passage_damping",
-    "passage_lift",
-    "passage_stirring",
-    "passage_calming",
-    "passage_depletion",
-    "passage_levelling",
-    "segregation_model",
-    "segregation_velocity",
-    "segregation_dilation",
-    "segregation_relative_dilation",
-    "segregation_mixing",
-    "segregation_proportion",
-    "displacement_model",
-    "contact_depth",
-    "layer_depth",
-    "initial",
-    "vibrating_mass",
-    "bearing_friction",
-    "bearing_diameter",
-    "drive_efficiency",
-    "tolerance",
-    "subdivision",
-    whole=("passage_law", "segregation_model", "displacement_model", "subdivision"),
-)
+def _record(row: Iterable[Variable]) -> Record:
+    row = tuple(row)
+    return Record(*(v.scalar for v in row), whole=[v.scalar for v in row if v.whole])
 
-PANEL = Record(
-    "length",
-    "inclination",
-    "aperture",
-    "open_area",
-    "velocity_factor",
-)
 
-INPUT = Record(
-    "feed_rate",
-    "frequency",
-    "amplitude",
-    "throw_angle",
-    "ellipticity",
-    "displacement_velocity",
-)
+# What a user says, from the fields of the configuration.
+PARAMETER, PANEL, INPUT = _record(PARAMETERS), _record(PANELS), _record(INPUTS)
 
 OUTPUT = Record(
     "undersize_rate",
@@ -107,29 +65,23 @@ DECK_BED = Record(
     "transport_velocity",
 )
 
+# Numbers of passage and segregation, which sub-models read under the name of their field; the two
+# velocities under the whole one.
+_LAWS = {
+    v.scalar if v.field == "velocity" else v.field: v
+    for v in PARAMETERS
+    if v.section in ("passage", "segregation") and not v.whole
+}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
     "density",
     "contact_load",
     "layer_load",
-    "passage_velocity",
-    "segregation_velocity",
-    "dilation",
-    "relative_dilation",
-    "mixing",
-    "proportion",
     "aperture",
     "open_area",
-    "rim",
-    "passing_time",
-    "drift",
-    "damping",
-    "lift",
-    "stirring",
-    "calming",
-    "depletion",
-    "levelling",
+    *(name for name, v in _LAWS.items() if v.section == "segregation"),
+    *(name for name, v in _LAWS.items() if v.section == "passage"),
     "loosening",
     "frequency",
     "amplitude",
@@ -145,6 +97,8 @@ SCENE = Record(
     "bed_load",
     "cover",
 )
+# Where they lie in a scene, and among the parameters.
+OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _LAWS.items())
 FIXED_SCENE = SCENE.index("layer_full")
 
 # Book-keeping of one deck.
@@ -254,10 +208,27 @@ SWITCH = Record(
 # Cumulative masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
 FED, UNDER, OVER = 0, 1, 2
 
-# Why a step is refused.
+# Why a screen is refused, by texts of errors.py; 0 where it is not.
 ACCEPTED = 0
-NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP, NO_MODEL, NO_VELOCITY = 1, 2, 3, 4, 5, 6, 7
-NO_CONVEYING, NO_FEED = 8, 9  # of a steady solution
+REFUSED = Places(
+    1,
+    (
+        "not_finite",
+        "too_small",
+        "too_large",
+        "bad_sum",
+        "two_limits",
+        "not_ascending",
+        "no_choice",
+        "short_deck",
+        "unequal_decks",
+        "off_table",
+        "too_steep",
+        "no_velocity",
+        "no_conveying",
+        "no_feed",
+    ),
+)
 REFUSAL = Record("code", "index", "value", "limit")
 
 # What a steady solution gives besides the class rates of its streams.
@@ -298,6 +269,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
     },
     "constants": {
         "switch": (SWITCH,),
+        # least and most of every parameter and input, in their order
+        "limit": ("setting", 2),
         # 1: the composition inside a layer is linear, not even (`bed.reconstruction`)
         "reconstruction": (1,),
         # 1: u, and w, follow from the vibration (`passage.closure`, `segregation.closure`)

@@ -17,24 +17,21 @@ from vibroscreen.kernels.bed.place import (
     panel_velocity,
     residence_time,
 )
+from vibroscreen.kernels.changes import motion_part, prepare
+from vibroscreen.kernels.checks import check, refuse
 from vibroscreen.kernels.language import kernel, numbers, record, view1
 from vibroscreen.kernels.numerics.layers import bed_load, restack
-from vibroscreen.kernels.step import (
-    motion_part,
-    prepare,
-    read_partition,
-    refuse,
-    sum_streams,
-    write_streams,
-)
+from vibroscreen.kernels.outputs import read_partition, write_streams
+from vibroscreen.kernels.step import sum_streams
 
-FEED_RATE, FREQUENCY = state.INPUT.index("feed_rate"), state.INPUT.index("frequency")
+FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
+FREQUENCY = state.INPUT.index("motion_frequency")
 
 
 @kernel
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
-    rate = max(0.0, state.inputs(buffer).feed_rate)
+    rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
     start_cohort(buffer, deck, rate)
     clear_slice(buffer, deck)
 
@@ -79,11 +76,10 @@ def place_nodes(buffer):
             count += 1
         reach = max(reach, open_length)
         area = max(area, open_length * deck_width(buffer, deck))
-    feed = state.inputs(buffer).feed_rate
+    feed = state.inputs(buffer).feed_mass_flow_rate
     set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
-    room = most_nodes(
-        state.extent(buffer).classes, decks * state.extent(buffer).panels, parameter.subdivision
-    )
+    panels = decks * state.extent(buffer).panels
+    room = most_nodes(state.extent(buffer).classes, panels, parameter.size_classes_subdivision)
     state.extent(buffer).nodes = build_nodes(
         state.scalars(buffer, state.AT.edge, state.extent(buffer).classes + 1),
         view1(buffer, int(buffer[state.AT.apertures]), count),
@@ -160,15 +156,15 @@ def solve_steady(buffer):
     what lies on every deck [kg], and the outputs are those of a steady step.
     """
     place = int(buffer[state.AT.input])
-    if state.inputs(buffer).feed_rate <= 0.0:
-        return refuse(buffer, state.NO_FEED, place + FEED_RATE, 0.0, 0.0)
+    if state.inputs(buffer).feed_mass_flow_rate <= 0.0:
+        return refuse(buffer, state.REFUSED.no_feed, place + FEED_RATE, 0.0, 0.0)
     code = prepare_slice(buffer)
     if code != state.ACCEPTED:
         return code
     for deck in range(state.extent(buffer).decks):
         if not conveys(buffer, deck):
-            frequency = state.inputs(buffer).frequency
-            return refuse(buffer, state.NO_CONVEYING, place + FREQUENCY, frequency, 0.0)
+            frequency = state.inputs(buffer).motion_frequency
+            return refuse(buffer, state.REFUSED.no_conveying, place + FREQUENCY, frequency, 0.0)
     solve_decks(buffer)
     sum_streams(buffer, 1.0)
     write_streams(buffer, 1.0)
@@ -208,10 +204,12 @@ def solve_many(buffer, count, rebuild):
         other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
         for k in range(harmonic.size):
             harmonic[k] = other[k]
-        if rebuild > 0.0:
+        code = check(buffer)
+        if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
             seen[motion_part(buffer)] = -1.0  # the feed is spread over other nodes
-        code = solve_steady(buffer)
+        if code == state.ACCEPTED:
+            code = solve_steady(buffer)
         result = state.vector(
             buffer, state.AT.design_result, len(state.FIGURE) + streams * classes, row
         )

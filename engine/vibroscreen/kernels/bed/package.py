@@ -195,7 +195,7 @@ def merge_likest(buffer, deck):
 @kernel
 def alike(buffer, deck, one, two):
     """Whether mixing two packages changes a recovery by less than the tolerance."""
-    tolerance = state.parameters(buffer).tolerance
+    tolerance = state.parameters(buffer).solver_tolerance
     return unlikeness(buffer, deck, one, two) ** 2 <= tolerance
 
 

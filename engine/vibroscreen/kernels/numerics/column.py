@@ -124,7 +124,7 @@ def gather(buffer, scene, load, reference, layers):
     nodes = load.shape[1]
     switch = state.switches(buffer)
     counter = state.counters(buffer)
-    tolerance = state.parameters(buffer).tolerance
+    tolerance = state.parameters(buffer).solver_tolerance
     size = state.node_vector(buffer, state.AT.size, 0)
     held = state.node_vector(buffer, state.AT.node_work, 0)
     place = state.node_vector(buffer, state.AT.place, 0)
