@@ -42,7 +42,8 @@ class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
 
 def build(platform: str, output: Path) -> Path:
     """Write the wheel of a platform into a folder; the engine is made first if it is not there."""
-    from vibroscreen.kernels import library, machine
+    from vibroscreen.compiler import machine
+    from vibroscreen.kernels import library
 
     kept = library.library(platform)
     if kept is None:
@@ -67,7 +68,7 @@ def build(platform: str, output: Path) -> Path:
 
 def main() -> None:
     """Build the wheels that are asked for, all unless told otherwise."""
-    from vibroscreen.kernels import machine
+    from vibroscreen.compiler import machine
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("platform", nargs="*", help=", ".join(machine.PLATFORMS))

@@ -21,6 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vibroscreen import registry
 from vibroscreen.errors import ConfigError, InputError, given, told
 from vibroscreen.fields import (
     Choice,
@@ -40,7 +41,6 @@ from vibroscreen.fields import (
     to_si,
     write_table,
 )
-from vibroscreen.kernels import registry
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
 from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroscreen import registry
 from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
-from vibroscreen.kernels import registry, state
+from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE

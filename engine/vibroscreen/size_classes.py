@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroscreen.compiler.language import Row
 from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import Number, Numbers, check_fields, number, of
 from vibroscreen.kernels.bed.classes import (
@@ -16,7 +17,6 @@ from vibroscreen.kernels.bed.classes import (
     build_nodes,
     most_nodes,
 )
-from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.physics.segregation import EXCHANGE
 from vibroscreen.kernels.state import PARAMETER
 from vibroscreen.units import MM

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from tests.places import ROOT, SCREENS
-from vibroscreen.kernels import compiler, library
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler import whole
+from vibroscreen.compiler.language import kernel
+from vibroscreen.kernels import library
 
 TINY = """
 import json
@@ -169,14 +170,10 @@ def test_the_c_layer_has_a_stamp_of_its_own(monkeypatch, tmp_path: Path) -> None
     shutil.copytree(library.NATIVE, tmp_path / "native")
     with (tmp_path / "native" / "fmi2.c").open("a") as source:
         source.write("/* another */\n")
-    monkeypatch.setattr(library, "NATIVE", tmp_path / "native")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    library.stamps.cache_clear()
-    after, other = library.stamps(), library.library_name("linux64")
-    monkeypatch.undo()
-    library.stamps.cache_clear()
+    edited = library.library_with(tmp_path / "native")
+    after, other = edited.stamps(), edited.name_of("linux64")
     assert (before[0] == after[0], before[1] == after[1], name == other) == (True, False, False)
-    assert library.stamps() == before
 
 
 def test_constant_arguments_do_not_compile_anew() -> None:
@@ -186,16 +183,16 @@ def test_constant_arguments_do_not_compile_anew() -> None:
     def twice(x, k):
         return x * k
 
-    @compiler.compiled
+    @whole.compiled
     def caller(x):
         return twice(x, 2) + twice(x, 3)
 
     assert caller(1.0) == 5.0
-    assert len(compiler._dispatchers[twice].signatures) == 1
+    assert len(whole._dispatchers[twice].signatures) == 1
 
 
 KERNELS = '''
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 SCALE = 2.0
 
 @kernel
@@ -215,13 +212,13 @@ COMPILE = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import few
-from vibroscreen.kernels import compiler, kept
+from vibroscreen.compiler import kept, whole
 made, save = [], kept.Store.save_overload
 def note(self, sig, cres):
     made.append(self._name)
     save(self, sig, cres)
 kept.Store.save_overload = note
-@compiler.compiled
+@whole.compiled
 def call(x):
     return few.both(x)
 print(call(3.0), *sorted(made))
@@ -259,5 +256,5 @@ def test_without_a_linker_the_engine_is_compiled_in_memory(monkeypatch, tmp_path
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.setenv("CC", "no-such-compiler")
     for target in (str(library.host()), "win64"):
-        assert not library._made(tmp_path / "engine.so", target)
+        assert not library.KERNELS.made(tmp_path / "engine.so", target)
     assert not list(tmp_path.iterdir())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import entry
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.steady import (
     follow,
     lay_batch,

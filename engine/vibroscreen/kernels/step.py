@@ -8,6 +8,13 @@ from __future__ import annotations
 
 from math import isfinite, pi
 
+from vibroscreen.compiler.language import (
+    Record,
+    kernel,
+    numbers,
+    record,
+    view2,
+)
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cascade import advance_decks, all_covered
 from vibroscreen.kernels.bed.classes import merge_classes, split_classes
@@ -16,15 +23,7 @@ from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed, held_by_node
 from vibroscreen.kernels.bed.package import part_cohorts
 from vibroscreen.kernels.bed.place import deck_length, panel_count, residence_time
-from vibroscreen.kernels.language import (
-    Record,
-    call_displacement,
-    entry,
-    kernel,
-    numbers,
-    record,
-    view2,
-)
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import sin
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.closure import (
@@ -36,7 +35,7 @@ from vibroscreen.kernels.physics.closure import (
     throw_height,
 )
 from vibroscreen.kernels.physics.layer import NOTHING
-from vibroscreen.kernels.physics.motion import GRAVITY, compose_motion
+from vibroscreen.kernels.physics.motion import GRAVITY, call_displacement, compose_motion
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.prescribed import prescribed
 from vibroscreen.kernels.physics.rigid_body import rigid_body
