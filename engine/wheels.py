@@ -42,7 +42,8 @@ class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
 
 def build(platform: str, output: Path) -> Path:
     """Write the wheel of a platform into a folder; the engine is made first if it is not there."""
-    from vibroscreen.kernels import library, machine
+    from vibroscreen.compiler import machine
+    from vibroscreen.kernels import library
 
     kept = library.library(platform)
     if kept is None:
@@ -52,7 +53,7 @@ def build(platform: str, output: Path) -> Path:
         carried.mkdir()
         carried.joinpath(kept.name).write_bytes(kept.read_bytes())
         texts = {path.name: path.read_bytes() for path in library.sources()}
-        carried.joinpath(library.STAMP).write_bytes(library.stamp_note(texts, library.stamps()))
+        carried.joinpath(library.STAMP).write_bytes(library.note(texts))
         tag = f"py3-none-{machine.PLATFORMS[platform].wheel}"
         command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation"]
         subprocess.run(
@@ -67,7 +68,7 @@ def build(platform: str, output: Path) -> Path:
 
 def main() -> None:
     """Build the wheels that are asked for, all unless told otherwise."""
-    from vibroscreen.kernels import machine
+    from vibroscreen.compiler import machine
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("platform", nargs="*", help=", ".join(machine.PLATFORMS))

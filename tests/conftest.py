@@ -15,7 +15,7 @@ settings.load_profile("vibroscreen")
 @pytest.fixture(scope="module", autouse=True)
 def _own_sub_models_stay_in_their_module() -> Iterator[None]:
     """Sub-models that the tests of a module register are forgotten after it."""
-    from vibroscreen.kernels import registry
+    from vibroscreen import registry
 
     kept = {family: dict(models) for family, models in registry._models.items()}
     yield

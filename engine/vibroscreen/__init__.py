@@ -2,9 +2,9 @@
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
-from vibroscreen.kernels.registry import register
 from vibroscreen.motion import Harmonic, Motion, conveying_regime, transport_velocity
 from vibroscreen.probability import gaudin_probability, packing_gap, pelevin_probability
+from vibroscreen.registry import register
 from vibroscreen.screen import Screen, StepResult
 from vibroscreen.steady import Profile, SteadyResult
 from vibroscreen.stream import Feed, Stream

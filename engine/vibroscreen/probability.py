@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vibroscreen.compiler.language import Row
 from vibroscreen.errors import InputError
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.physics.gaudin import gaudin
 from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
 from vibroscreen.kernels.physics.pelevin import pelevin

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told
 from vibroscreen.fields import Choice, Number
-from vibroscreen.kernels import registry, state
+from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vibroscreen import registry
 from vibroscreen.errors import ConfigError, told
 from vibroscreen.fields import (
     Choice,
@@ -27,7 +28,6 @@ from vibroscreen.fields import (
     said,
     to_si,
 )
-from vibroscreen.kernels import registry
 from vibroscreen.units import DEG, MM
 
 __all__ = [

@@ -22,7 +22,7 @@ from pathlib import Path, PurePosixPath
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels import library
-from vibroscreen.kernels.registry import BUILT_IN
+from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import check_supported
 from vibroscreen.units import MM
 from vibroscreen_fmu.documentation import index_html
@@ -110,7 +110,8 @@ NO_ENGINE = (
 )
 LICENCE = "MIT. The licence of pythonfmu lies beside this page."
 # What is vendored under one name, from the ground up. Kernels are apart, as their library is.
-KERNELS, ENGINE, ADAPTER = "vibroscreen.kernels", "vibroscreen", "vibroscreen_fmu"
+COMPILER, KERNELS = "vibroscreen.compiler", "vibroscreen.kernels"
+ENGINE, ADAPTER = "vibroscreen", "vibroscreen_fmu"
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # the first that a zip can say
 PLATFORMS = ("linux64", "win64")  # of pythonfmu's library
 
@@ -166,12 +167,13 @@ class Engine:
         if not self.has_kernels:
             return {}
         home = self.package[KERNELS]
+        packages = (home, self.package[COMPILER])
         texts = {
             name.rpartition("/")[2]: text
             for name, text in self.sources.items()
-            if name.startswith(f"{home}/")
+            if name.partition("/")[0] in packages
         }
-        found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamps())}
+        found = {f"{home}/{library.STAMP}": library.note(texts)}
         for path in self._at_hand().values():
             found[f"{home}/{path.name}"] = path.read_bytes()
         return found
@@ -199,7 +201,7 @@ class Model:
 def engine(slave: str = SLAVE) -> Engine:
     """What the module of a slave imports, transitively."""
     own = slave.partition(".")[0]
-    parts = tuple(dict.fromkeys((KERNELS, ENGINE, ADAPTER, own)))
+    parts = tuple(dict.fromkeys((COMPILER, KERNELS, ENGINE, ADAPTER, own)))
     modules, foreign = _closure(slave, parts)
     package: dict[str, str] = {}
     sources: Files = {}

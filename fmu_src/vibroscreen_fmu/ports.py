@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibroscreen import registry
 from vibroscreen.config import Bed, ScreenConfig
 from vibroscreen.fields import Choice, Entry, Number, Numbers, Section, entries
-from vibroscreen.kernels import registry
-from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.state import (
     DECK_BED,
     DIMENSION,
@@ -29,6 +28,7 @@ from vibroscreen.kernels.state import (
     Layout,
 )
 from vibroscreen.kernels.step import INPUT_LIMITS, ROUND_OFF
+from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import VARIABLE, fill, nodes_of
 from vibroscreen_fmu.port import Enumeration, Port, Steps
 

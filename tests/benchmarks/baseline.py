@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from vibroscreen import Feed, Motion, Screen
+from vibroscreen.compiler.language import Row, kernel, record
+from vibroscreen.compiler.whole import compiled
 from vibroscreen.kernels import state
-from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.language import Row, kernel, record
 from vibroscreen.kernels.physics.layer import layer_mass
 from vibroscreen.kernels.physics.passage import passage_probability
 from vibroscreen.kernels.physics.segregation import segregate

@@ -19,8 +19,9 @@ from typing import Any
 import fmpy
 import numpy as np
 
+from vibroscreen.compiler import machine
 from vibroscreen.config import ScreenConfig
-from vibroscreen.kernels import library, machine
+from vibroscreen.kernels import library
 from vibroscreen_fmu.package import build_of, engine, screen_model
 from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.python_slave import CONFIG_FILE, ScreenSlave

@@ -31,9 +31,10 @@ import build_fmu
 import vibroscreen
 import vibroscreen_fmu
 from tests.places import ROOT, SCREENS
+from vibroscreen import registry
 from vibroscreen.config import Bed, ScreenConfig, Solver
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels import registry, state
+from vibroscreen.kernels import state
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM

@@ -37,10 +37,11 @@ from tests.fmu.native import (
     walk,
 )
 from tests.places import ROOT, SCREENS
-from vibroscreen import Screen, ScreenConfig
+from vibroscreen import Screen, ScreenConfig, registry
+from vibroscreen.compiler import machine
 from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.errors import TEXT, ConfigError
-from vibroscreen.kernels import library, machine, registry
+from vibroscreen.kernels import library
 from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import screen_model
 from vibroscreen_fmu.python_slave import ScreenSlave
@@ -458,7 +459,7 @@ def sanitized(fmu: Path, folder: Path) -> Path:
     made.parent.mkdir(parents=True)
     kernels = str(library.library())
     content = machine.link(
-        machine.PLATFORMS[HOST], "checked", machine.native_sources(HOST), (*flags, kernels)
+        machine.PLATFORMS[HOST], "checked", library.native_sources(HOST), (*flags, kernels)
     )
     made.write_bytes(content)
     return made

@@ -15,8 +15,8 @@ from PIL import Image
 from tests.places import SCREENS
 from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels.registry import BUILT_IN
 from vibroscreen.kernels.state import Layout
+from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import Screen
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM

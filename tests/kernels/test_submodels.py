@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
+from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register, registry
 from vibroscreen.config import Displacement, Passage, Segregation
-from vibroscreen.kernels import registry
 from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
 
 DEFAULT = ScreenConfig.default()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel, numbers, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import split_classes
 from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.package import part_cohorts
 from vibroscreen.kernels.bed.place import panel_count
 from vibroscreen.kernels.checks import check
-from vibroscreen.kernels.language import kernel, numbers, view2
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED
 from vibroscreen.kernels.scene import keep_scenes, prepare_scenes

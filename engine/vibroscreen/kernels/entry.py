@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.kernels import state
 from vibroscreen.kernels.checks import check
-from vibroscreen.kernels.language import entry
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.outputs import read_partition
 from vibroscreen.kernels.steady import (
     follow,

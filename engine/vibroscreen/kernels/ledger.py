@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import merge_classes
 from vibroscreen.kernels.bed.held import held_by_node
-from vibroscreen.kernels.language import kernel
 
 
 @kernel

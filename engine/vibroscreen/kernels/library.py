@@ -1,311 +1,68 @@
-"""The engine library: kernels compiled once, as a whole, for Python, for FMUs and for C.
+"""The engine: all kernels in one library, and the C layer of FMUs over them (compiler/library.py).
 
-`engine()` gives the engine that this process runs in: the library that a wheel brings, or that of
-the user's cache folder, made there by whoever needs it first. Without a linker, or with
-VIBROSCREEN_ENGINE=jit, the same code is made in memory; VIBROSCREEN_ENGINE=python (or
-NUMBA_DISABLE_JIT=1) runs kernels as plain Python. All give the same bits.
+    python -m vibroscreen.kernels.library LIBRARY [PLATFORM]
 
-A library is known by two stamps: what the kernels say, without comments and docstrings, and what
-makes a library of them, the C layer of FMUs (../native) among it. It holds two builds for x86-64,
-plain and v3 (AVX2), one of which is chosen when it is loaded; VIBROSCREEN_PROCESSOR=plain keeps to
-the plain one. Only exact arithmetic is used, and LLVM may change no bit of it without fast-math:
-all builds give the same numbers.
+makes that of a platform, this machine's if none is given.
 """
 
 from __future__ import annotations
 
-import ast
-import contextlib
-import ctypes
-import functools
-import hashlib
-import importlib.util
-import os
-import platform
-import shutil
-import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
-from vibroscreen.kernels.language import ENTRIES, Entry
+from vibroscreen.compiler.library import (
+    STAMP,
+    SUFFIX,
+    Library,
+    cache_folder,
+    host,
+    says,
+)
+
+__all__ = ["STAMP", "SUFFIX", "cache_folder", "host", "says"]
 
 FOLDER = Path(__file__).parent
-STAMP = "engine.stamp"
 NATIVE = FOLDER.parent / "native"
-NO_KERNELS = ("__init__.py", "library.py", "registry.py")
-# What makes a library of what the kernels say; the C layer of FMUs.
+# The C layer of FMUs, and what writes its header.
 LAYER = ("fmi2.c", "fmi2.h", "place.h", "processor.h", "sheet.h")
-MAKERS = ("machine.py", "header.py", *LAYER)
-# Platforms by their folder in an FMU, and what a library is called there.
-HOSTS = {
-    ("Linux", "x86_64"): "linux64",
-    ("Linux", "aarch64"): "aarch64-linux",
-    ("Windows", "AMD64"): "win64",
-    ("Darwin", "x86_64"): "darwin64",
-    ("Darwin", "arm64"): "darwin64",
-}
-SUFFIX = {"linux64": ".so", "aarch64-linux": ".so", "win64": ".dll", "darwin64": ".dylib"}
 
 
-# --- stamps --------------------------------------------------------------------------------------
-def cache_folder() -> Path:
-    """Where the user's computer keeps what can be made anew."""
-    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(caches) / "vibroscreen"
-
-
-def sources() -> list[Path]:
-    """The files of the kernels, and of what compiles them and makes a library of them."""
-    beside = (NATIVE / name for name in MAKERS)
-    found = [*sorted(FOLDER.rglob("*.py")), *(path for path in beside if path.exists())]
-    return [path for path in found if path.name not in NO_KERNELS]
-
-
-def says(text: bytes) -> str:
-    """What a source says, without comments, docstrings and layout."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef):
-            first = node.body[0] if node.body else None
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                first.value.value = ""
-    return ast.dump(tree)
-
-
-@functools.cache
-def stamps() -> tuple[str, str]:
-    """Sixteen digits that change with what the kernels say, others with what makes the library."""
-    texts = {path.name: path.read_bytes() for path in sources()}
-    bytes_of = digest_of(texts)
-    # Parsing takes longer than all the rest of a start: what bytes say is remembered.
-    note = cache_folder() / f"{bytes_of}.stamp"
-    for known in (FOLDER / STAMP, note):
-        with contextlib.suppress(OSError, ValueError):
-            held, kernels, makers = known.read_text().split()
-            if held == bytes_of:
-                return kernels, makers
-    said = {
-        name: says(text).encode() if name.endswith(".py") else text for name, text in texts.items()
-    }
-    made = {name: said.pop(name) for name in MAKERS if name in said}
-    found = digest_of(said), digest_of(made)
-    with contextlib.suppress(OSError):
-        keep(note, stamp_note(texts, found))
-    return found
-
-
-def stamp() -> str:
-    """The stamp of the kernels."""
-    return stamps()[0]
-
-
-def digest_of(texts: Mapping[str, bytes]) -> str:
-    """Sixteen digits that change with every byte of source files, by name."""
-    return _digest(*(piece for name in sorted(texts) for piece in (name.encode(), texts[name])))
-
-
-def stamp_note(texts: Mapping[str, bytes], found: tuple[str, str]) -> bytes:
-    """What lies beside source files that were compiled under the stamps `found`."""
-    own = {name: text for name, text in texts.items() if name not in NO_KERNELS}
-    return f"{digest_of(own)} {' '.join(found)}\n".encode()
-
-
-def _digest(*parts: bytes) -> str:
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def keep(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as unfinished:
-        unfinished.write(content)
-    Path(unfinished.name).replace(path)
-
-
-# --- engines -------------------------------------------------------------------------------------
-_C_KIND = {"int64": ctypes.c_int64, "float64": ctypes.c_double, "void": None}
-_POINTER = ctypes.POINTER(ctypes.c_double)
-
-
-def _address(values: Any) -> Any:
-    """Where the doubles of an array begin."""
-    assert values.dtype == float, f"kernels take doubles, not {values.dtype}"
-    assert values.flags.c_contiguous, "kernels take numbers one after the other"
-    return values.ctypes.data_as(_POINTER)
-
-
-class Compiled:
-    """An engine of compiled functions, by their names in C."""
-
-    def __init__(self, function: Callable[[str, Any], Any]) -> None:
-        self._function = function
-
-    def caller(self, entry: Entry) -> Callable[..., Any]:
-        """What Python calls for an entry."""
-        rank = {"vector": 1, "matrix": 2}
-        taken: list[Any] = []
-        for kind in entry.arguments:
-            scalar = _C_KIND.get(kind)
-            taken += [_POINTER, *[ctypes.c_int64] * rank[kind]] if kind in rank else [scalar]
-        form = ctypes.CFUNCTYPE(_C_KIND[entry.returned], *taken)
-        function = self._function(f"vibroscreen_{entry.name}", form)
-        if entry.arguments[0] == "vector" and not set(entry.arguments[1:]) & set(rank):
-            start = ctypes.c_double.from_buffer  # a third of the time of the general way
-
-            def call_row(buffer: Any, *numbers: Any) -> Any:
-                return function(start(buffer), buffer.size, *numbers)
-
-            return call_row
-
-        def call(*arguments: Any) -> Any:
-            given: list[Any] = []
-            for kind, value in zip(entry.arguments, arguments, strict=True):
-                given += [_address(value), *value.shape] if kind in rank else [value]
-            return function(*given)
-
-        return call
-
-    def caller_on(self, entry: Entry, buffer: Any) -> Callable[..., Any]:
-        """What Python calls for an entry whose one array is this buffer."""
-        kinds = [_C_KIND[kind] for kind in entry.arguments[1:]]
-        form = ctypes.CFUNCTYPE(_C_KIND[entry.returned], ctypes.c_void_p, ctypes.c_int64, *kinds)
-        function = self._function(f"vibroscreen_{entry.name}", form)
-        _address(buffer)
-        return functools.partial(function, buffer.ctypes.data, buffer.size)
-
-
-class Plain:
-    """Kernels as they stand, in Python."""
-
-    def caller(self, entry: Entry) -> Callable[..., Any]:
-        """What Python calls for an entry."""
-        return entry.function
-
-    def caller_on(self, entry: Entry, buffer: Any) -> Callable[..., Any]:
-        """What Python calls for an entry whose one array is this buffer."""
-        return functools.partial(entry.function, buffer)
-
-
-def _loaded(path: Path) -> Compiled:
-    library = ctypes.CDLL(str(path))
-    return Compiled(lambda name, form: form((name, library)))
-
-
-def _in_memory() -> Compiled:
-    """The engine made by numba in this process, for this processor."""
-    from vibroscreen.kernels import machine
-
-    code = machine.InMemory(kept_code())
-    return Compiled(lambda name, form: form(code.address(name)))
-
-
-def intermediate_code() -> bytes:
-    """Intermediate code of all entries and what they call, for no processor in particular."""
+def _load() -> None:
+    """Import all modules that have entries."""
     import vibroscreen.kernels.entry
     import vibroscreen.kernels.plan  # noqa: F401
-    from vibroscreen.kernels import compiler
-
-    return bytes(compiler.intermediate_code(ENTRIES.values()).as_bitcode())
 
 
-@functools.cache
-def engine() -> Compiled | Plain:
-    """The engine of this process (see above)."""
-    chosen = os.environ.get("VIBROSCREEN_ENGINE", "")
-    if chosen not in ("", "library", "jit", "python"):
-        raise RuntimeError(
-            f"VIBROSCREEN_ENGINE = {chosen!r} is unknown: give library, jit or python"
-        )
-    if chosen == "python" or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-        return Plain()
-    if chosen == "jit":
-        return _in_memory()
-    path = library()
-    return _loaded(path) if path else _in_memory()
+def _records() -> str:
+    """The records of the buffer, whose numbers the sections of a configuration say."""
+    from vibroscreen.kernels import state
+
+    return repr(state.KINDS)
 
 
-def runs_plain() -> bool:
-    """Whether kernels run as plain Python in this process."""
-    return isinstance(engine(), Plain)
+def native_sources(target: str) -> dict[str, bytes]:
+    """The C layer of FMUs, with its header for a platform."""
+    from vibroscreen.compiler import machine
+    from vibroscreen.native import header
+
+    _load()
+    files = {name: (NATIVE / name).read_bytes() for name in LAYER}
+    text = machine.prototypes() + header.header("-".join(stamps()), SUFFIX[target])
+    return {**files, "engine.h": text.encode()}
 
 
-def host() -> str | None:
-    """This machine's platform, by its folder in an FMU."""
-    return HOSTS.get((platform.system(), platform.machine()))
+def library_with(native: Path) -> Library:
+    """The library of the kernels with the C layer of a folder."""
+    layer = tuple(native / name for name in ("header.py", *LAYER))
+    return Library("vibroscreen.kernels.library", FOLDER, layer, _load, native_sources, _records)
 
 
-def library_name(target: str) -> str:
-    """File name of the library for a platform."""
-    return f"engine-{'-'.join(stamps())}-{target}{SUFFIX[target]}"
+KERNELS = library_with(NATIVE)
+entry, engine, stamps, sources = KERNELS.entry, KERNELS.engine, KERNELS.stamps, KERNELS.sources
+note = KERNELS.note
+library, library_name, at_hand = KERNELS.path_of, KERNELS.name_of, KERNELS.at_hand
 
+if __name__ == "__main__":
+    from vibroscreen.compiler.machine import host as this_machine
 
-def at_hand() -> dict[str, Path]:
-    """The libraries that there are, by platform; this machine's is made if it is not there."""
-    library()
-    found = {target: _found(target) for target in SUFFIX}
-    return {target: path for target, path in found.items() if path}
-
-
-def library(target: str | None = None) -> Path | None:
-    """The library for a platform, this machine's if none is named; made first if there is none.
-
-    None where it cannot be made.
-    """
-    target = target or host()
-    if target is None:
-        return None
-    path = _found(target)
-    if path is not None:
-        return path
-    if not (FOLDER / "machine.py").exists():
-        raise RuntimeError(
-            f"this FMU has no engine for {platform.system()} {platform.machine()}: build one there"
-        )
-    kept = cache_folder() / library_name(target)
-    with _locked(kept.with_suffix(".lock")):
-        return kept if kept.exists() or _made(kept, target) else None
-
-
-def _found(target: str) -> Path | None:
-    """Where the library for a platform lies, if it does."""
-    name = library_name(target)
-    return next((f / name for f in (FOLDER, cache_folder()) if (f / name).exists()), None)
-
-
-def _made(path: Path, target: str) -> bool:
-    """Make the library of a platform in a process of its own; False without a linker for it."""
-    other = target != host() or not shutil.which(os.environ.get("CC", "cc"))
-    if importlib.util.find_spec("ziglang") is None and other:
-        return False
-    text = f"vibroscreen compiles its engine for {target}, once: a minute or two"
-    print(text, file=sys.stderr, flush=True)
-    command = [sys.executable, "-W", "ignore", "-m", "vibroscreen.kernels.machine"]
-    plain = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
-    places = os.pathsep.join(place for place in sys.path if place)
-    # The same bytes every time: no settings of the caller, no random order of sets.
-    own = {"PYTHONPATH": places, "PYTHONHASHSEED": "0", "NUMBA_CPU_NAME": "generic"}
-    run = subprocess.run([*command, str(path), target], env={**plain, **own}, check=False)
-    return run.returncode == 0
-
-
-def kept_code() -> bytes:
-    """Intermediate code of the engine, kept in the user's cache folder."""
-    path = cache_folder() / f"engine-{stamp()}.bc"
-    if not path.exists():
-        keep(path, intermediate_code())
-    return path.read_bytes()
-
-
-@contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """One process at a time, where the system knows locks of files that end with the process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as file:
-        with contextlib.suppress(ImportError):
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+    KERNELS.make(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else this_machine())

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.place import panel_count
 from vibroscreen.kernels.checks import APERTURE, check, refuse
-from vibroscreen.kernels.language import entry, kernel
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.steady import place_nodes
 
 # A package is never longer than this part of the deck, less where the tolerance asks for it: what

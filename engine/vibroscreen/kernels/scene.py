@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 
+from vibroscreen.compiler.language import kernel, numbers, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.place import panel_count, residence_time
 from vibroscreen.kernels.checks import BED, DISPLACEMENT_MODEL, refuse
-from vibroscreen.kernels.language import call_displacement, kernel, numbers, view2
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.closure import (
     OF_PASSAGE,
@@ -17,7 +17,7 @@ from vibroscreen.kernels.physics.closure import (
     percolation_factor,
     throw_height,
 )
-from vibroscreen.kernels.physics.motion import compose_motion
+from vibroscreen.kernels.physics.motion import call_displacement, compose_motion
 from vibroscreen.kernels.physics.prescribed import prescribed
 from vibroscreen.kernels.physics.rigid_body import rigid_body
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from vibroscreen.kernels.language import Places, Record, Row, kernel, record, view1, view2
-from vibroscreen.kernels.numerics.fours import in_fours
+from vibroscreen.compiler.fours import in_fours
+from vibroscreen.compiler.language import Places, Record, Row, kernel, record, view1, view2
 from vibroscreen.variables import INPUTS, PANELS, PARAMETERS, Variable
 
 

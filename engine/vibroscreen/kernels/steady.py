@@ -6,6 +6,7 @@ from the knots of the deck above (MODEL.md, "Steady state and batches").
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel, numbers, record, view1
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import build_nodes, most_nodes, set_strength
 from vibroscreen.kernels.bed.front import advance_lead, cross_lead, start_cohort
@@ -19,7 +20,6 @@ from vibroscreen.kernels.bed.place import (
 )
 from vibroscreen.kernels.changes import motion_part, prepare
 from vibroscreen.kernels.checks import check, refuse
-from vibroscreen.kernels.language import kernel, numbers, record, view1
 from vibroscreen.kernels.numerics.layers import bed_load, restack
 from vibroscreen.kernels.outputs import read_partition, write_streams
 from vibroscreen.kernels.step import sum_streams

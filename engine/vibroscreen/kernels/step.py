@@ -6,13 +6,13 @@ changed and that the record `refusal` says what was wrong. Python enters by kern
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cascade import advance_decks, all_covered
 from vibroscreen.kernels.bed.classes import merge_classes
 from vibroscreen.kernels.bed.deck import clear_deck
 from vibroscreen.kernels.bed.place import panel_count, residence_time
 from vibroscreen.kernels.changes import prepare
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.ledger import balance_error, book_masses, count_held
 from vibroscreen.kernels.outputs import write_state, write_streams, write_sums
 

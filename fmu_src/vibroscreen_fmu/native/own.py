@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 import llvmlite.binding as llvm
 
-from vibroscreen.kernels import machine, registry
+from vibroscreen import registry
+from vibroscreen.compiler import machine
 from vibroscreen.native.header import SUB_MODEL
 
 __all__ = ["own_library"]

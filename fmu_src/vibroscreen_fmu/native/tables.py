@@ -10,10 +10,11 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
 from vibroscreen.fields import Number
-from vibroscreen.kernels import library, registry
+from vibroscreen.kernels import library
 from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, Layout
 from vibroscreen.native import header
 from vibroscreen.native.header import FAMILIES, FIXED, KINDS, SETTABLE

@@ -11,9 +11,9 @@ import pytest
 from tests.kernels.numerics.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
+from vibroscreen.compiler.whole import compiled
 from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
 from vibroscreen.kernels import state
-from vibroscreen.kernels.compiler import compiled
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.numerics import (
     chain,

@@ -15,10 +15,7 @@ from numba.core.errors import TypingError
 
 from tests.places import ROOT
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.kernels import state
-from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.numerics import column
-from vibroscreen.kernels.numerics.fours import (
+from vibroscreen.compiler.fours import (
     all_four,
     apart,
     four,
@@ -30,6 +27,9 @@ from vibroscreen.kernels.numerics.fours import (
     put_four_in,
     total,
 )
+from vibroscreen.kernels import state
+from vibroscreen.kernels.entry import START_SLICE, run
+from vibroscreen.kernels.numerics import column
 from vibroscreen.size_classes import SizeClasses
 
 if os.environ.get("NUMBA_DISABLE_JIT") == "1":
@@ -38,7 +38,7 @@ if os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return function
 
 else:
-    from vibroscreen.kernels.compiler import compiled
+    from vibroscreen.compiler.whole import compiled
 
 WIDTH = 12
 

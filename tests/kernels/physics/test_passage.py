@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroscreen import InputError, gaudin_probability, pelevin_probability
+from vibroscreen.compiler.language import Row
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.physics.passage import passage_probability
 
 

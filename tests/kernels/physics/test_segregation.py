@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from vibroscreen import Feed, InputError, Screen, ScreenConfig, packing_gap
+from vibroscreen.compiler.language import Row
 from vibroscreen.config import (
     Bed,
     Deck,
@@ -21,7 +22,6 @@ from vibroscreen.config import (
     Solver,
 )
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import Row
 from vibroscreen.kernels.physics.classified import classified
 from vibroscreen.kernels.physics.exchange import exchange
 from vibroscreen.kernels.physics.proportional import proportional

@@ -6,6 +6,7 @@ what is below. A deck below moves in parts of a piece, under what fell from the 
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.deck import advance_top, extend_tail
 from vibroscreen.kernels.bed.falls import (
@@ -31,7 +32,6 @@ from vibroscreen.kernels.bed.place import (
 )
 from vibroscreen.kernels.bed.queue import advance_queue
 from vibroscreen.kernels.bed.ride import queue_rear
-from vibroscreen.kernels.language import kernel
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16

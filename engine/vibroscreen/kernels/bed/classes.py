@@ -30,8 +30,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+from vibroscreen.compiler.language import kernel, record
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import entry, kernel, record
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, exp, raised
 from vibroscreen.kernels.physics.packing import gap_of
 from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.package import (
     MOMENT,
@@ -22,7 +23,6 @@ from vibroscreen.kernels.bed.place import (
     residence_time,
 )
 from vibroscreen.kernels.bed.ride import integrate_package, pass_through
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.layers import restack
 from vibroscreen.kernels.numerics.parts import begin_parts
 from vibroscreen.kernels.physics.layer import NOTHING

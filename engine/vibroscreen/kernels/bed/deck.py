@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.front import PILE_DEPTH, PILE_TIME, SHARE_BELOW, grow_cohort, open_pile
 from vibroscreen.kernels.bed.package import (
@@ -22,7 +23,6 @@ from vibroscreen.kernels.bed.place import (
     residence_time,
 )
 from vibroscreen.kernels.bed.queue import advance_queue
-from vibroscreen.kernels.language import kernel, numbers
 from vibroscreen.kernels.numerics.layers import restack
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.knots import passed_up_to
 from vibroscreen.kernels.bed.place import cell_length, conveys, deck_length, place_after
-from vibroscreen.kernels.language import kernel
 
 
 @kernel

@@ -5,6 +5,7 @@ A leading slice, cells behind it, and a pile where the bed stands still.
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cohorts import keep_leader
 from vibroscreen.kernels.bed.held import depth_at_feed, package_load
@@ -33,7 +34,6 @@ from vibroscreen.kernels.bed.place import (
     place_after,
     residence_time,
 )
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.implicit import carry_debts
 from vibroscreen.kernels.numerics.integrate import clear_sums, integrate
 from vibroscreen.kernels.numerics.layers import bed_load, restack

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.package import in_cells, package_span, queue_slot
 from vibroscreen.kernels.bed.place import (
@@ -13,7 +14,6 @@ from vibroscreen.kernels.bed.place import (
     residence_time,
 )
 from vibroscreen.kernels.bed.ride import queue_rear
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.layers import bed_load
 
 

@@ -9,9 +9,9 @@ Two ways, both conservative:
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.place import deck_length, deck_width, panel_velocity
-from vibroscreen.kernels.language import kernel
 
 # Two knots nearer than this part of the deck's length are one.
 SAME_PLACE = 1e-12

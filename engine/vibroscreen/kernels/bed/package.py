@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.place import conveys, panel_velocity
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.layers import restack
 
 # A package moved by less than this part of a length has moved by round-off.

@@ -6,8 +6,8 @@ scenes in use or with new ones. A deck conveys on all of its panels or on none.
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cohorts import follow_cohort, take_part
 from vibroscreen.kernels.bed.falls import fall_row
@@ -9,7 +10,6 @@ from vibroscreen.kernels.bed.front import feed_pile
 from vibroscreen.kernels.bed.package import leave_queue, package_span, queue_slot
 from vibroscreen.kernels.bed.place import conveys, panel_velocity
 from vibroscreen.kernels.bed.ride import advance_package, queue_rear, ride
-from vibroscreen.kernels.language import kernel
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.falls import fall_vector
 from vibroscreen.kernels.bed.package import (
@@ -22,7 +23,6 @@ from vibroscreen.kernels.bed.place import (
     residence_time,
     riding_time,
 )
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.integrate import integrate
 from vibroscreen.kernels.numerics.layers import bed_load, restack
 

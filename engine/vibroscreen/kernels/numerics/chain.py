@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibroscreen.compiler.fours import four, put_four
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import K1, K2, K7, NOW, STAGED, block
 from vibroscreen.kernels.numerics.explicit import embedded_error
-from vibroscreen.kernels.numerics.fours import four, put_four
 from vibroscreen.kernels.numerics.rates import column_rates, rows_followed
 
 # The chain of order 3 (MODEL.md, "Explicit schemes"), 4 to 10 stages, one after the other: weights

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
+from vibroscreen.compiler.language import kernel, view1, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel, view1, view2
-from vibroscreen.kernels.numerics.fours import all_four, four, four_in, in_fours, larger, largest
 from vibroscreen.kernels.physics.layer import NOTHING
 from vibroscreen.kernels.physics.packing import gap_of
 from vibroscreen.kernels.physics.passage import BOUNCE

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from math import factorial
 
-from vibroscreen.kernels.language import bits_of, kernel, number_of
+from vibroscreen.compiler.language import bits_of, kernel, number_of
 
 _INF = float("inf")
 _NAN = float("nan")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.fours import all_four, apart, four, larger, largest, put_four
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import INTEGRAL, K1, K7, NOW, STAGED, active_vector, block
-from vibroscreen.kernels.numerics.fours import all_four, apart, four, larger, largest, put_four
 from vibroscreen.kernels.numerics.rates import rows_followed
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.

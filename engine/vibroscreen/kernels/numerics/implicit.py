@@ -5,8 +5,8 @@ Of first order whatever its length; extrapolated to higher ones.
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel, view2
 from vibroscreen.kernels.numerics.column import (
     INTEGRAL,
     NOW,

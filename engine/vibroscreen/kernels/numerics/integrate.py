@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.knots import record_knot
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import (
     INTEGRAL,
     K1,

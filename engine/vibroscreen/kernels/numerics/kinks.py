@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import (
     K1,
     NOW,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import ceil
 
+from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel, view2
 from vibroscreen.kernels.physics.layer import layer_mass
 
 # A layer is opened only for more than this part of a full one: round-off makes no layers.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibroscreen.compiler.fours import four, put_four
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import INTEGRAL, K1, K2, K3, K4, K5, K6, NOW, STAGED, block
 from vibroscreen.kernels.numerics.explicit import embedded_error
-from vibroscreen.kernels.numerics.fours import four, put_four
 from vibroscreen.kernels.numerics.rates import column_rates, rows_followed
 
 # Dormand and Prince (J. Comput. Appl. Math. 6 (1980) 19).

@@ -8,8 +8,17 @@ one place here moves mass, `column_rates`, and every sum is kept to round-off.
 
 from __future__ import annotations
 
+from vibroscreen.compiler.fours import (
+    all_four,
+    four,
+    four_in,
+    larger,
+    put_four,
+    put_four_in,
+    total,
+)
+from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel, view2
 from vibroscreen.kernels.numerics.column import (
     LOWER,
     NOW,
@@ -20,15 +29,6 @@ from vibroscreen.kernels.numerics.column import (
     block_passed,
     block_share,
     largest_of,
-)
-from vibroscreen.kernels.numerics.fours import (
-    all_four,
-    four,
-    four_in,
-    larger,
-    put_four,
-    put_four_in,
-    total,
 )
 from vibroscreen.kernels.numerics.layers import cover_of
 from vibroscreen.kernels.physics.layer import NOTHING, layer_mass, weighted_mass

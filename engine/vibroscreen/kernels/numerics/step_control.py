@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.chain import (
     CHAIN_LEAST,
     CHAIN_MOST,

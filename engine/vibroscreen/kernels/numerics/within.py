@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from vibroscreen.compiler.fours import four, put_four
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.language import kernel
 from vibroscreen.kernels.numerics.column import (
     INTEGRAL,
     K1,
@@ -28,7 +29,6 @@ from vibroscreen.kernels.numerics.explicit import (
     PAIR,
     integrate_ends,
 )
-from vibroscreen.kernels.numerics.fours import four, put_four
 from vibroscreen.kernels.numerics.pair import integrate_stages
 from vibroscreen.kernels.physics.layer import layer_mass
 

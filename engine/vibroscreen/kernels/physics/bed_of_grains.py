@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from vibroscreen.kernels.language import entry, kernel, view1, view2
+from vibroscreen.compiler.language import kernel, view1, view2
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, tan
 from vibroscreen.kernels.physics.motion import (
     BODY,

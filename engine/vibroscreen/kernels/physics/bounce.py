@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.gaudin import stop_coarse
 from vibroscreen.kernels.physics.motion import GRAVITY
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.motion import GRAVITY
 
 # Places in the field `closure`; 1 there: the velocity follows from the vibration.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.numerics.fours import four, larger, put_four_in
+from vibroscreen.compiler.fours import four, larger, put_four_in
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.layer import NOTHING, layer_mass, mass_and_moment, mix_contact
 from vibroscreen.kernels.physics.packing import _SOLID_FACTOR, gap_radius
 

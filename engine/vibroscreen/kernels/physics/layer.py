@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import kernel
-from vibroscreen.kernels.numerics.fours import all_four, four, four_in, total
+from vibroscreen.compiler.fours import all_four, four, four_in, total
+from vibroscreen.compiler.language import kernel
 
 # Less than this has no composition: its inverse would not be a finite number, kg/m2.
 NOTHING = 1e-280

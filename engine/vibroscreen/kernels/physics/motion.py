@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import entry, kernel
+from vibroscreen.compiler.language import kernel, own_model
+from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, sin, sine_cosine
 
+# A displacement model of one's own: harmonics, drive, result and work as in rigid_body.
+call_displacement = own_model("displacement", "matrix", "vector", "vector", "vector")
 GRAVITY = 9.81
 ROWS = 5
 MAX_ORDER = 8

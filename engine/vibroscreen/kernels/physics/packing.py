@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 
 _RADIUS_FACTOR = 2.0 * sqrt(3.0) / 3.0
 _HEXAGON_FACTOR = sqrt(3.0)

@@ -8,11 +8,13 @@ panel, and writes P_i.
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import call_passage, kernel
+from vibroscreen.compiler.language import kernel, own_model
+from vibroscreen.kernels import state
 from vibroscreen.kernels.physics.bounce import bounce
 from vibroscreen.kernels.physics.gaudin import gaudin
 from vibroscreen.kernels.physics.pelevin import pelevin
 
+call_passage = own_model("passage", "vector", "vector", state.SCENE, "vector")
 GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.gaudin import stop_coarse
 
 

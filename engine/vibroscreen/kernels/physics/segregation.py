@@ -7,12 +7,16 @@ writes the contact weights [m2/kg] and the percolation downwards [1/s].
 
 from __future__ import annotations
 
-from vibroscreen.kernels.language import call_segregation, kernel
+from vibroscreen.compiler.language import kernel, own_model
+from vibroscreen.kernels import state
 from vibroscreen.kernels.physics.classified import classified
 from vibroscreen.kernels.physics.exchange import exchange
 from vibroscreen.kernels.physics.proportional import proportional
 from vibroscreen.kernels.physics.well_mixed import well_mixed
 
+call_segregation = own_model(
+    "segregation", "vector", "matrix", "int64", state.SCENE, "vector", "matrix"
+)
 WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
 
 

@@ -32,8 +32,7 @@ from numba.extending import (
     typeof_impl,
 )
 
-from vibroscreen.kernels import language, state
-from vibroscreen.kernels.numerics import fours
+from vibroscreen.compiler import fours, language
 
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
@@ -56,6 +55,8 @@ def becomes(plain: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
 def use_them() -> None:
     """Let numba find the intrinsics under the names of the plain functions."""
     context = cpu_target.typing_context
+    for plain, kinds in language.OWN_MODELS.values():
+        _calling(plain, tuple(type_of(kind) for kind in kinds))
     context.refresh()
     cpu_target.target_context.refresh()
     for plain, own in made:
@@ -257,7 +258,9 @@ def _length(_context: Any, _builder: Any, form: Any, _arguments: Any) -> Any:
     return _I64(len(form.args[0].record))
 
 
-TYPES["scene"] = RowType(state.SCENE)
+def type_of(kind: str | language.Record) -> types.Type:
+    """numba's type of a kind of numbers, or of a record's."""
+    return TYPES[kind] if isinstance(kind, str) else RowType(kind)
 
 
 # --- views and bits ------------------------------------------------------------------------------
@@ -285,9 +288,8 @@ def _number_of(_context, bits):
     return types.float64(types.int64), _cast
 
 
-def _calling(plain: Any, family: str) -> None:
-    """Intrinsic that calls the sub-model of a family at an address."""
-    kinds = tuple(TYPES[kind] for kind in language.SUB_MODELS[family])
+def _calling(plain: Any, kinds: tuple[types.Type, ...]) -> None:
+    """Intrinsic that calls a sub-model at an address."""
 
     def generate(context, builder, form, values):
         words = [context.get_value_type(kind) for kind in kinds]
@@ -301,11 +303,6 @@ def _calling(plain: Any, family: str) -> None:
     @becomes(plain)
     def call(_context, address, *arguments):
         return types.void(types.intp, types.Tuple(kinds)), generate
-
-
-_calling(language.call_passage, "passage")
-_calling(language.call_segregation, "segregation")
-_calling(language.call_displacement, "displacement")
 
 
 # --- fours ---------------------------------------------------------------------------------------

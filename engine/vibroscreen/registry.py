@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from vibroscreen.compiler.language import PLAIN_MODELS
+from vibroscreen.compiler.library import Plain
 from vibroscreen.kernels import library
-from vibroscreen.kernels.language import PLAIN_MODELS
 
 # The number of a model is its place here, from 1 (an FMI enumeration).
 BUILT_IN = {
@@ -74,12 +75,13 @@ def model(family: str, name: str) -> SubModel:
 def _address_of(function: Callable[..., None], family: str) -> int:
     """Address of a sub-model's code; a number that stands for it where kernels run as Python."""
     plain = getattr(function, "py_func", function)
-    if library.runs_plain():
+    if isinstance(library.engine(), Plain):
         PLAIN_MODELS[id(plain)] = plain
         return id(plain)
-    from vibroscreen.kernels import compiler  # numba, for who brings a sub-model
+    from vibroscreen.compiler import whole  # numba, for who brings a sub-model
 
-    made = compiler.own_model(function, family)
+    library.KERNELS.load()
+    made = whole.compiled_model(function, family)
     _own[made.address] = made
     return int(made.address)
 

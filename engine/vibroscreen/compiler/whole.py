@@ -1,7 +1,7 @@
 """Kernels to LLVM's intermediate code: numba types and lowers each kernel by itself, once.
 
 An entry and all kernels below it are linked flat, without being optimised: that is done once for
-all of them (library.py). What numba made of a kernel is kept by what it says.
+all of them (machine.py). What numba made of a kernel is kept by what it says.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.types.functions import BaseFunction
 from numba.extending import models, register_model
 
-from vibroscreen.kernels import kept, lowering
-from vibroscreen.kernels.kept import Store
-from vibroscreen.kernels.language import ENTRIES, KERNELS, SUB_MODELS, Entry
-from vibroscreen.kernels.lowering import TYPES
+from vibroscreen.compiler import kept, lowering
+from vibroscreen.compiler.kept import Store
+from vibroscreen.compiler.language import ENTRIES, KERNELS, OWN_MODELS, Entry
+from vibroscreen.compiler.lowering import TYPES, type_of
 
 CONSTANT = re.compile(r'@"\.(?:const|bytes)\.[^"]*"')
 METADATA = re.compile(r"![0-9]+")
@@ -391,10 +391,10 @@ def _in_c(entry: Entry, name: str) -> ir.Module:
 
 
 # --- a user's own sub-models ---------------------------------------------------------------------
-def own_model(function: Callable[..., None], family: str) -> Any:
+def compiled_model(function: Callable[..., None], family: str) -> Any:
     """A sub-model of one's own, compiled for the signature of its family."""
     prepare()
-    kinds = (TYPES[kind] for kind in SUB_MODELS[family])
+    kinds = (type_of(kind) for kind in OWN_MODELS[family][1])
     plain = getattr(function, "py_func", function)
     return cfunc(types.void(*kinds), error_model="numpy")(plain)
 

@@ -1,11 +1,12 @@
 """What kernels are written in: plain Python functions, marked, over views of flat arrays.
 
     kernel(function)             a function that other kernels call
-    entry(signature)(function)   a kernel that Python and C call: it runs in the engine library
     record(buffer, place, kind)  numbers that lie side by side in a buffer, read and written by name
     numbers(row)                 the same as a row of numbers
+    own_model(family, *kinds)    what calls a sub-model of one's own by its address
 
-Kernels are plain Python until the engine is compiled (compiler.py): nothing here needs a compiler.
+An entry is a kernel that Python and C call too (library.py); what takes four numbers at once is in
+fours.py. Kernels are plain Python until they are compiled (whole.py): nothing here needs numba.
 What stands below is the plain meaning of what the compiler makes by itself.
 """
 
@@ -19,16 +20,12 @@ import numpy as np
 # Kinds of a signature: rows of doubles, whole numbers, numbers.
 KINDS = ("vector", "matrix", "int64", "float64")
 RETURNED = ("void", "int64", "float64")
-# How kernels call a sub-model of one's own, by family.
-SUB_MODELS = {
-    "passage": ("vector", "vector", "scene", "vector"),
-    "segregation": ("vector", "matrix", "int64", "scene", "vector", "matrix"),
-    "displacement": ("matrix", "vector", "vector", "vector"),
-}
 
 KERNELS: list[Callable[..., Any]] = []
 ENTRIES: dict[str, Entry] = {}
-# Sub-models of one's own by their address, where kernels run as plain Python.
+# What calls sub-models of one's own, by family, and what they take: of KINDS, or a record.
+OWN_MODELS: dict[str, tuple[Callable[..., Any], tuple[str | Record, ...]]] = {}
+# Such sub-models by their address, where kernels run as plain Python.
 PLAIN_MODELS: dict[int, Callable[..., None]] = {}
 
 
@@ -41,10 +38,13 @@ def kernel(function: Callable[..., Any]) -> Any:
 class Entry:
     """A kernel that Python calls: the first call looks for the engine that it runs in.
 
-    function: the kernel as plain Python; returned and arguments: kinds of its signature.
+    function: the kernel as plain Python; signature: such as "int64(vector, float64)", of KINDS and
+    RETURNED; engine: gives the engine.
     """
 
-    def __init__(self, function: Callable[..., Any], signature: str) -> None:
+    def __init__(
+        self, function: Callable[..., Any], signature: str, engine: Callable[[], Any]
+    ) -> None:
         returned, _, arguments = signature.rstrip(")").partition("(")
         self.function = function
         self.name = function.__name__
@@ -53,12 +53,12 @@ class Entry:
         self.arguments = tuple(kind.strip() for kind in arguments.split(","))
         assert returned in RETURNED, f"{self.name} returns {returned}"
         assert set(self.arguments) <= set(KINDS), f"{self.name} takes {arguments}"
+        self._engine = engine
         self.call: Callable[..., Any] = self._find
+        ENTRIES[self.name] = self
 
     def _find(self, *arguments: Any) -> Any:
-        from vibroscreen.kernels.library import engine
-
-        self.call = engine().caller(self)
+        self.call = self._engine().caller(self)
         return self.call(*arguments)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -66,19 +66,19 @@ class Entry:
 
     def on(self, buffer: Any) -> Callable[..., Any]:
         """The kernel for one buffer that lives on where it is: a swifter call."""
-        from vibroscreen.kernels.library import engine
-
-        return engine().caller_on(self, buffer)
-
-
-def entry(signature: str) -> Callable[[Callable[..., Any]], Entry]:
-    """Make a kernel an entry: signature such as "int64(vector, float64)" (KINDS, RETURNED)."""
-
-    def make(function: Callable[..., Any]) -> Entry:
-        made = ENTRIES[function.__name__] = Entry(function, signature)
+        made: Callable[..., Any] = self._engine().caller_on(self, buffer)
         return made
 
-    return make
+
+def own_model(family: str, *kinds: str | Record) -> Callable[..., Any]:
+    """What kernels call with the address of a sub-model and what it takes (KINDS, records)."""
+
+    def call(address, *arguments):
+        PLAIN_MODELS[int(address)](*arguments)
+
+    call.__qualname__ = f"own_model({family}: {kinds})"
+    OWN_MODELS[family] = call, kinds
+    return call
 
 
 # --- records -------------------------------------------------------------------------------------
@@ -175,18 +175,3 @@ def bits_of(number):
 def number_of(bits):
     """The number that has these bits."""
     return float(np.int64(bits).view(np.float64))
-
-
-def call_passage(address, *arguments):
-    """Call a passage law of one's own."""
-    PLAIN_MODELS[int(address)](*arguments)
-
-
-def call_segregation(address, *arguments):
-    """Call a segregation model of one's own."""
-    PLAIN_MODELS[int(address)](*arguments)
-
-
-def call_displacement(address, *arguments):
-    """Call a displacement model of one's own."""
-    PLAIN_MODELS[int(address)](*arguments)

@@ -2,8 +2,8 @@
 
 A compiler's own vector loops check at run time that arrays lie apart, and pay for rows longer than
 most beds have. The compiler makes each of these one instruction where the processor has it
-(compiler.py), with the bits of one number after another. Sizes that take part are padded to a
-multiple of four (rates.gather).
+(lowering.py), with the bits of one number after another. Sizes that take part are padded to a
+multiple of four (column.gather).
 
     four(values, i), four_in(values, row, i)                 the numbers at i to i + 3
     put_four(values, i, x), put_four_in(values, row, i, x)   a four, or one number four times, there
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibroscreen.kernels.language import kernel
+from vibroscreen.compiler.language import kernel
 
 
 @kernel

@@ -1,10 +1,8 @@
 """Intermediate code to machine code: optimised once, emitted for each processor, linked.
 
-    python -m vibroscreen.kernels.machine LIBRARY [PLATFORM]
-
-makes the engine library of a platform, this machine's if none is given: the kernels, and FMI 2.0
-over them (../native). The linker is that of ziglang (PyPI), which makes libraries for every
-platform on any; without it, the C compiler of this machine makes that of this machine.
+The library of a platform holds the kernels, and what C is over them. The linker is that of ziglang
+(PyPI), which makes libraries for every platform on any; without it, the C compiler of this machine
+makes that of this machine.
 """
 
 from __future__ import annotations
@@ -25,9 +23,9 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
+from vibroscreen.compiler import library
+from vibroscreen.compiler.language import ENTRIES, Entry
 from vibroscreen.errors import ConfigError
-from vibroscreen.kernels import library
-from vibroscreen.kernels.language import ENTRIES, Entry
 
 # Of the C library, what a sub-model of one's own may take; the kernels take only what is exact.
 MATHEMATICS = {
@@ -38,7 +36,7 @@ MATHEMATICS = {
 NEEDED = {"sqrt", "memset", "memcpy", "memmove"}
 COMMON = ("-O2", "-std=c99", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-s")
 # Symbolic: a library calls itself, whatever others of its kind are loaded.
-ELF = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack")
+ELF: tuple[str, ...] = ("-fPIC", "-Wl,--no-undefined", "-Wl,--build-id=none", "-Wl,-z,noexecstack")
 ELF += ("-Wl,-Bsymbolic", "-ldl")
 # What the library may take from the C library.
 ALLOWED = MATHEMATICS | {
@@ -331,21 +329,12 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
         return made.read_bytes()
 
 
-def native_sources(target: str) -> dict[str, bytes]:
-    """The C layer of FMUs, with its header for a platform."""
-    from vibroscreen.native import header
-
-    files = {name: (library.NATIVE / name).read_bytes() for name in library.LAYER}
-    text = prototypes() + header.header("-".join(library.stamps()), library.SUFFIX[target])
-    return {**files, "engine.h": text.encode()}
-
-
-def engine_library(code: bytes, target: str) -> bytes:
-    """The engine library of a platform, from intermediate code."""
+def engine_library(code: bytes, target: str, c_sources: Mapping[str, bytes]) -> bytes:
+    """The engine library of a platform, from intermediate code and C sources by file name."""
 
     def made(part: Platform) -> bytes:
         builds = list(part.cpus)
-        files = native_sources(target) | {"choosing.c": choosing(builds).encode()}
+        files = {**c_sources, "choosing.c": choosing(builds).encode()}
         for build, content in zip(builds, objects(code, part), strict=True):
             files[f"kernels_{build}.o"] = content
         return link(part, "vibroscreen", files, ())
@@ -398,12 +387,3 @@ def universal(*parts: bytes) -> bytes:
         body += part + b"\0" * room
         place += len(part) + room
     return (head + rows).ljust(1 << 14, b"\0") + body
-
-
-def main(path: Path, target: str) -> None:
-    """Make the engine library of a platform at a path."""
-    library.keep(path, engine_library(library.kept_code(), target))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else host())

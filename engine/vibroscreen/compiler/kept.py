@@ -23,12 +23,12 @@ from numba.core.compiler import CompileResult
 from numba.core.lowering import Environment
 from numba.core.serialize import dumps
 
-from vibroscreen.kernels import language, library
+from vibroscreen.compiler import language, library
 
 # What nobody asked for in this time is thrown away, s.
 LONGEST = 90 * 86400.0
 # What makes code of kernels, by its bytes.
-MAKERS = ("compiler.py", "kept.py", "lowering.py")
+MAKERS = ("fours.py", "kept.py", "language.py", "lowering.py", "whole.py")
 
 
 def recipe() -> str:
