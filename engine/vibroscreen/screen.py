@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told
-from vibroscreen.fields import Choice, Number
+from vibroscreen.fields import Choice
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
-from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
+from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
@@ -151,6 +151,10 @@ class Screen:
         except InputError:
             self.buffer[:] = kept
             raise
+
+    def check(self) -> None:
+        """Check parameters and inputs in the buffer. Raises InputError as `advance` does."""
+        _accept(self._run(CHECK, 0.0, 0.0), self.buffer, self.layout)
 
     def advance(self, duration: float) -> None:
         """Advance by `duration` s with the inputs in the buffer.
@@ -522,12 +526,11 @@ def refusal_of(
     if key == "bad_sum":
         return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
     variable = variable_at(layout, buffer, int(index))
-    entry = variable.entry
     text = told(
         key,
         name=variable.name,
         given=given(variable.name, value, variable.unit),
-        range=entry.range if isinstance(entry, Number) else "",
+        range=variable.range,
         cure=variable.cure(key),
         value=value,
         limit=limit,

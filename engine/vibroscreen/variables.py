@@ -77,6 +77,11 @@ class Variable:
         """Its unit, "1" for none."""
         return self.entry.unit if isinstance(self.entry, Number) else "1"
 
+    @property
+    def range(self) -> str:
+        """The limits in words."""
+        return self.entry.range if isinstance(self.entry, Number) else ""
+
     def cure(self, text: str) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told."""
         if isinstance(self.entry, Number):
@@ -137,8 +142,8 @@ def setting(classes: int, panels: Sequence[int]) -> Iterator[Variable | None]:
         for i in range(classes):
             tells = f"{side.capitalize()} limit of the size class"
             entry = replace(_EDGE, tells=tells)
-            steps = ("size_classes", "edges", i + edge)
-            yield Variable(f"size_class[{i + 1}]", side, entry, steps)
+            where = ("size_classes", "edges", i + edge)
+            yield Variable(f"size_class[{i + 1}]", side, entry, where)
     for d in range(len(panels)):
         yield Variable(f"deck[{d + 1}]", "width", _WIDTH.entry, ("decks", d, "width"))
     for d, count in enumerate(panels):

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.errors import ConfigError, given, told
-from vibroscreen.fields import in_place
+from vibroscreen.errors import given, told
 from vibroscreen.screen import Screen
 from vibroscreen_fmu.port import TOLERANCE, Port, Steps
 from vibroscreen_fmu.ports import ports
@@ -59,6 +58,7 @@ class ScreenSlave(RowSlave):
 
     def start(self) -> None:
         """A screen with the parameters and inputs set so far: its decks are empty or full."""
+        self._screen.check()
         sections = self._screen.layout.section
         screen = self._screen_of(self._screen.buffer[sections["parameters"]])
         # Parameters and inputs lie at the same place in the buffer of every screen of this build.
@@ -116,47 +116,30 @@ def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
 
 
 def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenConfig:
-    """The configuration with other values of parameters. Raises ConfigError that names one."""
+    """The configuration with other values of parameters, which were checked."""
     values: dict[Steps, Any] = {}
     for port, value in changed.items():
-        if port.enumeration:
-            names = [name for name, _ in port.enumeration.items]
-            if not 1 <= value <= len(names):
-                choice = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
-                raise ConfigError(told("no_choice", name=port.name, value=value, cure=choice))
-            values[port.path] = names[int(value) - 1]
-        elif port.path not in values:
-            values[port.path] = value
-        elif values[port.path] != value:
-            beside = values[port.path]
-            raise ConfigError(told("two_limits", name=port.name, value=value, limit=beside))
+        choices = port.enumeration
+        values[port.path] = choices.items[int(value) - 1][0] if choices else value
     if ("passage", "velocity") in values:
         values["passage", "velocity_table"] = None
     return _replaced(config, values) if values else config
 
 
-# What a part of a configuration is called in messages.
-_TITLES = {"decks": "deck", "panels": "deck.panel"}
-
-
-def _replaced(part: Any, values: Mapping[Steps, Any], title: str = "") -> Any:
+def _replaced(part: Any, values: Mapping[Steps, Any]) -> Any:
     """A dataclass or tuple with other values at paths into it, checked once as a whole."""
     inside: dict[str | int, dict[Steps, Any]] = {}
     for (first, *rest), value in values.items():
         inside.setdefault(first, {})[tuple(rest)] = value
 
-    def item(old: Any, changes: dict[Steps, Any], title: str) -> Any:
-        return changes[()] if () in changes else _replaced(old, changes, title)
+    def item(old: Any, changes: dict[Steps, Any]) -> Any:
+        return changes[()] if () in changes else _replaced(old, changes)
 
     if not isinstance(part, tuple):
-        changes = {
-            str(name): item(getattr(part, str(name)), change, _TITLES.get(str(name), ""))
-            for name, change in inside.items()
-        }
-        return dataclasses.replace(part, **changes)
+        changed = {str(k): item(getattr(part, str(k)), change) for k, change in inside.items()}
+        return dataclasses.replace(part, **changed)
     items = list(part)
     for place, change in inside.items():
         assert isinstance(place, int)
-        with in_place(title, place + 1):
-            items[place] = item(items[place], change, title)
+        items[place] = item(items[place], change)
     return tuple(items)

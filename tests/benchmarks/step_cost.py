@@ -50,20 +50,11 @@ from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import quarry_screen, refined
 from tests.fmu import native
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import (
-    QUARRY_EDGES,
-    Bed,
-    Deck,
-    Displacement,
-    Panel,
-    Passage,
-    Segregation,
-    Solver,
-    typical_fractions,
-)
+from vibroscreen.config import QUARRY_EDGES, typical_fractions
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, SOLVE, run
 from vibroscreen.screen import LEAST_CELLS, Inputs
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 

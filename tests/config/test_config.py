@@ -18,7 +18,11 @@ from hypothesis import strategies as st
 
 from tests.places import SCREENS
 from vibroscreen import config as configuration
-from vibroscreen.config import (
+from vibroscreen.config import ScreenConfig, legal_keys, typical_fractions
+from vibroscreen.errors import ConfigError
+from vibroscreen.fields import from_si, to_si
+from vibroscreen.motion import Harmonic, Motion
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -26,15 +30,9 @@ from vibroscreen.config import (
     Material,
     Panel,
     Passage,
-    ScreenConfig,
     Segregation,
     Solver,
-    legal_keys,
-    typical_fractions,
 )
-from vibroscreen.errors import ConfigError
-from vibroscreen.fields import from_si, to_si
-from vibroscreen.motion import Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.units import DEG, GRAVITY, MM, T_H

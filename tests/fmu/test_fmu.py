@@ -32,10 +32,11 @@ import vibroscreen
 import vibroscreen_fmu
 from tests.places import ROOT, SCREENS
 from vibroscreen import registry
-from vibroscreen.config import Bed, ScreenConfig, Solver
+from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels import state
 from vibroscreen.screen import Screen
+from vibroscreen.sections import Bed, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 from vibroscreen_fmu.package import engine, write_fmu

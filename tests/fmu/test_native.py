@@ -39,9 +39,9 @@ from tests.fmu.native import (
 from tests.places import ROOT, SCREENS
 from vibroscreen import Screen, ScreenConfig, registry
 from vibroscreen.compiler import machine
-from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.errors import TEXT, ConfigError
 from vibroscreen.kernels import library
+from vibroscreen.sections import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen_fmu.native.fmu import PLATFORMS, write_native_fmu
 from vibroscreen_fmu.package import screen_model
 from vibroscreen_fmu.python_slave import ScreenSlave

@@ -13,11 +13,12 @@ import pytest
 from PIL import Image
 
 from tests.places import SCREENS
-from vibroscreen.config import Bed, Deck, Panel, Passage, ScreenConfig
+from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.state import Layout
 from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import Screen
+from vibroscreen.sections import Bed, Deck, Panel, Passage
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 from vibroscreen_fmu.drawing import drawn

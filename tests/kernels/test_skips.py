@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation
 
 DEFAULT = ScreenConfig.default()
 SHARE = DEFAULT.feed.mass_fraction

@@ -18,7 +18,8 @@ from vibroscreen import (
     ScreenConfig,
     performance,
 )
-from vibroscreen.config import (
+from vibroscreen.kernels import state
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -28,7 +29,6 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 

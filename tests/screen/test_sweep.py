@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vibroscreen import ConfigError, Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.screen import slice_layout
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sweep import CHUNK, SteadyTable, places, solve_steady_many
 from vibroscreen.units import DEG, MM

@@ -17,7 +17,7 @@ from tests.places import SCREENS
 from vibroscreen import ConfigError, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import Calibration, Fit, Parameter, Run, calibrate, fit
 from vibroscreen.cli import app
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.survey import read_survey

@@ -8,7 +8,7 @@ from vibroscreen.kernels.bed.classes import split_classes
 from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.package import part_cohorts
 from vibroscreen.kernels.bed.place import panel_count
-from vibroscreen.kernels.checks import check
+from vibroscreen.kernels.checks import check, check_layers
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED
 from vibroscreen.kernels.scene import keep_scenes, prepare_scenes
@@ -89,6 +89,8 @@ def prepare(buffer, fresh):
     motion, inclination or friction changed, and packages keep their shared trajectory otherwise.
     """
     code = check(buffer)
+    if code == state.ACCEPTED:
+        code = check_layers(buffer)
     if code != state.ACCEPTED:
         return code
     size = motion_part(buffer) + 1 + state.extent(buffer).classes

@@ -104,19 +104,24 @@ def check_model(buffer, index, built_in, address):
 
 @kernel
 def check_models(buffer):
-    """Check the sub-models; layers must be there if, and only if, the segregation uses them."""
+    """Check the sub-models."""
     extent = state.extent(buffer)
     code = check_model(buffer, PASSAGE_LAW, BOUNCE, extent.passage_address)
     if code == state.ACCEPTED:
         code = check_model(buffer, DISPLACEMENT_MODEL, BED, extent.displacement_address)
     if code == state.ACCEPTED:
         code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, extent.segregation_address)
+    return code
+
+
+@kernel
+def check_layers(buffer):
+    """Check that there are layers if, and only if, the segregation uses them."""
     place = int(buffer[state.AT.parameter]) + SEGREGATION_MODEL
     number = buffer[place]
-    if code == state.ACCEPTED and number <= CLASSIFIED:
-        if (extent.layered > 0) != (number == EXCHANGE):
-            return refuse(buffer, state.REFUSED.no_choice, place, number, CLASSIFIED)
-    return code
+    if number <= CLASSIFIED and (state.extent(buffer).layered > 0) != (number == EXCHANGE):
+        return refuse(buffer, state.REFUSED.no_choice, place, number, CLASSIFIED)
+    return state.ACCEPTED
 
 
 @kernel

@@ -10,8 +10,8 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 
 EDGES = (0.0, 0.004, 0.008, 0.0125, 0.016, 0.022, 0.045)

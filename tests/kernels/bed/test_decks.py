@@ -29,8 +29,8 @@ from tests.kernels.bed.test_conservation import (
 from tests.kernels.numerics.test_exact_solutions import MIXED, RHO, SIZE, scene
 from tests.places import SCREENS
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 

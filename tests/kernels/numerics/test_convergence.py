@@ -12,7 +12,7 @@ from tests.kernels.numerics.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.compiler.whole import compiled
-from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
+from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.numerics import (
@@ -25,6 +25,7 @@ from vibroscreen.kernels.numerics import (
     rates,
     step_control,
 )
+from vibroscreen.sections import Bed, Displacement, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import (
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,

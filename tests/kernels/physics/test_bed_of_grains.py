@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import bed_velocity
 from vibroscreen import Screen, ScreenConfig
-from vibroscreen.config import Deck, Displacement, Material, Panel
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.physics import bed_of_grains
 from vibroscreen.motion import ConveyingRegime, Motion, conveying_regime, transport_velocity
+from vibroscreen.sections import Deck, Displacement, Material, Panel
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, GRAVITY
 

@@ -11,18 +11,18 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
-from vibroscreen.config import (
+from vibroscreen.config import Harmonic
+from vibroscreen.errors import ConfigError
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
-    Harmonic,
     Material,
     Panel,
     Passage,
     Segregation,
     Solver,
 )
-from vibroscreen.errors import ConfigError
 from vibroscreen.size_classes import SizeClasses
 
 GRAVITY = 9.81
