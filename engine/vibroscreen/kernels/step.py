@@ -22,7 +22,12 @@ from vibroscreen.kernels.bed.deck import clear_deck
 from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed, held_by_node
 from vibroscreen.kernels.bed.package import part_cohorts
-from vibroscreen.kernels.bed.place import deck_length, panel_count, residence_time
+from vibroscreen.kernels.bed.travel import (
+    deck_length,
+    panel_count,
+    residence_time,
+    riding_time_over,
+)
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import sin
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
@@ -415,7 +420,7 @@ def set_scene(buffer, deck, number, scene):
     rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
     scene.throw_angle = inputs.throw_angle + rotation
     scene.ellipticity, scene.inclination = inputs.ellipticity, panel.inclination
-    scene.horizon = residence_time(buffer, state.AT.scene_now, deck)
+    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck)
 
 
 @kernel
@@ -952,13 +957,13 @@ def initialise(buffer):
             stream[k] = fraction[k]
     filling = 0.0
     for deck in range(state.extent(buffer).decks):
-        filling += residence_time(buffer, state.AT.scene, deck)
+        filling += residence_time(buffer, deck)
     full = state.parameters(buffer).initial == STEADY_START
-    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
+    if full and residence_time(buffer, 0) > 0.0:
         move(buffer, FILLING * filling)
         move(buffer, 1.0)
     count_held(buffer)
-    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
+    if full and residence_time(buffer, 0) > 0.0:
         held = state.class_vector(buffer, state.AT.held, 0)
         initial = state.class_vector(buffer, state.AT.initial_mass, 0)
         for k in range(held.size):
