@@ -7,7 +7,7 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import split_classes
 from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.package import part_cohorts
-from vibroscreen.kernels.bed.place import panel_count
+from vibroscreen.kernels.bed.travel import panel_count
 from vibroscreen.kernels.checks import check, check_layers
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED

@@ -10,7 +10,7 @@ from math import isfinite
 
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.place import deck_length, panel_count
+from vibroscreen.kernels.bed.travel import deck_length, panel_count
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE
 

@@ -2,20 +2,8 @@
 
 from __future__ import annotations
 
-from vibroscreen.kernels import state
-from vibroscreen.kernels.checks import check
+from vibroscreen.kernels import checks, outputs, state, steady, step
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.outputs import read_partition
-from vibroscreen.kernels.steady import (
-    follow,
-    lay_batch,
-    place_nodes,
-    prepare_slice,
-    solve_many,
-    solve_steady,
-    start_slice,
-)
-from vibroscreen.kernels.step import advance, initialise
 
 (
     INITIALISE,
@@ -41,25 +29,25 @@ def run(buffer, command, first, second):
     whether nodes change; PLACE_NODES; CHECK; READ what is found only when it is read.
     """
     if command == INITIALISE:
-        return initialise(buffer)
+        return step.initialise(buffer)
     if command == ADVANCE:
-        return advance(buffer, first)
+        return step.advance(buffer, first)
     if command == START_SLICE:
-        return prepare_slice(buffer)
+        return steady.prepare_slice(buffer)
     if command == CHECK:
-        return check(buffer)
+        return checks.check(buffer)
     if command == SOLVE:
-        return solve_steady(buffer)
+        return steady.solve_steady(buffer)
     if command == SOLVE_MANY:
-        solve_many(buffer, int(first), second)
+        steady.solve_many(buffer, int(first), second)
     elif command == READ:
-        read_partition(buffer)
+        outputs.read_partition(buffer)
     elif command == PLACE_NODES:
-        place_nodes(buffer)
+        steady.place_nodes(buffer)
     elif command == START_BELOW:
-        start_slice(buffer, int(first))
+        steady.start_slice(buffer, int(first))
     elif command == LAY_BATCH:
-        lay_batch(buffer, first, second)
+        steady.lay_batch(buffer, first, second)
     else:
-        follow(buffer, int(second), first)
+        steady.follow(buffer, int(second), first)
     return state.ACCEPTED

@@ -9,7 +9,7 @@ from math import ceil, sqrt
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.place import panel_count
+from vibroscreen.kernels.bed.travel import panel_count
 from vibroscreen.kernels.checks import APERTURE, check, refuse
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.steady import place_nodes

@@ -6,7 +6,7 @@ from math import isfinite
 
 from vibroscreen.compiler.language import kernel, numbers, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.place import panel_count, residence_time
+from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
 from vibroscreen.kernels.checks import BED, DISPLACEMENT_MODEL, refuse
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.closure import (
@@ -192,7 +192,7 @@ def set_scene(buffer, deck, number, scene):
     rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
     scene.throw_angle = inputs.motion_throw_angle + rotation
     scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
-    scene.horizon = residence_time(buffer, state.AT.scene_now, deck)
+    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck)
 
 
 @kernel

@@ -7,22 +7,9 @@ from the knots of the deck above (MODEL.md, "Steady state and batches").
 from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel, numbers, record, view1
-from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.classes import build_nodes, most_nodes, set_strength
-from vibroscreen.kernels.bed.front import advance_lead, cross_lead, start_cohort
-from vibroscreen.kernels.bed.place import (
-    conveys,
-    deck_width,
-    panel_count,
-    panel_end_time,
-    panel_velocity,
-    residence_time,
-)
-from vibroscreen.kernels.changes import motion_part, prepare
-from vibroscreen.kernels.checks import check, refuse
+from vibroscreen.kernels import changes, checks, outputs, state, step
+from vibroscreen.kernels.bed import classes, front, travel
 from vibroscreen.kernels.numerics.layers import bed_load, restack
-from vibroscreen.kernels.outputs import read_partition, write_streams
-from vibroscreen.kernels.step import sum_streams
 
 FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
 FREQUENCY = state.INPUT.index("motion_frequency")
@@ -32,7 +19,7 @@ FREQUENCY = state.INPUT.index("motion_frequency")
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
     rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
-    start_cohort(buffer, deck, rate)
+    front.start_cohort(buffer, deck, rate)
     clear_slice(buffer, deck)
 
 
@@ -64,7 +51,7 @@ def place_nodes(buffer):
     area, reach = 0.0, 0.0
     for deck in range(decks):
         open_length = 0.0
-        for number in range(panel_count(buffer, deck)):
+        for number in range(travel.panel_count(buffer, deck)):
             panel = state.panel(buffer, deck, number)
             open_length += panel.length * panel.open_area
             # Sorted in.
@@ -75,12 +62,15 @@ def place_nodes(buffer):
             apertures[place] = panel.aperture
             count += 1
         reach = max(reach, open_length)
-        area = max(area, open_length * deck_width(buffer, deck))
+        area = max(area, open_length * travel.deck_width(buffer, deck))
     feed = state.inputs(buffer).feed_mass_flow_rate
-    set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
-    panels = decks * state.extent(buffer).panels
-    room = most_nodes(state.extent(buffer).classes, panels, parameter.size_classes_subdivision)
-    state.extent(buffer).nodes = build_nodes(
+    classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
+    room = classes.most_nodes(
+        state.extent(buffer).classes,
+        decks * state.extent(buffer).panels,
+        parameter.size_classes_subdivision,
+    )
+    state.extent(buffer).nodes = classes.build_nodes(
         state.scalars(buffer, state.AT.edge, state.extent(buffer).classes + 1),
         view1(buffer, int(buffer[state.AT.apertures]), count),
         numbers(parameter),
@@ -95,11 +85,11 @@ def place_nodes(buffer):
 @kernel
 def prepare_slice(buffer):
     """Take the inputs in the buffer into use and start a slice on the top deck; ACCEPTED or not."""
-    code = prepare(buffer, False)
+    code = changes.prepare(buffer, False)
     if code == state.ACCEPTED:
         for deck in range(state.extent(buffer).decks):
-            horizon = residence_time(buffer, state.AT.scene, deck)
-            for panel in range(panel_count(buffer, deck)):
+            horizon = travel.residence_time(buffer, deck)
+            for panel in range(travel.panel_count(buffer, deck)):
                 state.scene(buffer, state.AT.scene, deck, panel).horizon = horizon
         start_slice(buffer, 0)
     return code
@@ -114,17 +104,17 @@ def follow(buffer, deck, duration):
         panel = book.lead_panel
         step = left
         crosses = False
-        if conveys(buffer, deck) and panel + 1 < panel_count(buffer, deck):
-            until = panel_end_time(buffer, state.AT.scene, deck, panel) - book.cohort_front
+        if travel.conveys(buffer, deck) and panel + 1 < travel.panel_count(buffer, deck):
+            until = travel.panel_end_time(buffer, deck, panel) - book.cohort_front
             crosses = until <= left
             step = max(0.0, until) if crosses else left
         if step > 0.0:
-            advance_lead(buffer, deck, step)
+            front.advance_lead(buffer, deck, step)
         book.cohort_front += step
         left -= step
         if crosses:
-            book.cohort_front = panel_end_time(buffer, state.AT.scene, deck, panel)
-            cross_lead(buffer, deck)
+            book.cohort_front = travel.panel_end_time(buffer, deck, panel)
+            front.cross_lead(buffer, deck)
 
 
 @kernel
@@ -157,17 +147,19 @@ def solve_steady(buffer):
     """
     place = int(buffer[state.AT.input])
     if state.inputs(buffer).feed_mass_flow_rate <= 0.0:
-        return refuse(buffer, state.REFUSED.no_feed, place + FEED_RATE, 0.0, 0.0)
+        return checks.refuse(buffer, state.REFUSED.no_feed, place + FEED_RATE, 0.0, 0.0)
     code = prepare_slice(buffer)
     if code != state.ACCEPTED:
         return code
     for deck in range(state.extent(buffer).decks):
-        if not conveys(buffer, deck):
+        if not travel.conveys(buffer, deck):
             frequency = state.inputs(buffer).motion_frequency
-            return refuse(buffer, state.REFUSED.no_conveying, place + FREQUENCY, frequency, 0.0)
+            return checks.refuse(
+                buffer, state.REFUSED.no_conveying, place + FREQUENCY, frequency, 0.0
+            )
     solve_decks(buffer)
-    sum_streams(buffer, 1.0)
-    write_streams(buffer, 1.0)
+    step.sum_streams(buffer, 1.0)
+    outputs.write_streams(buffer, 1.0)
     write_class_recovery(buffer)
     return state.ACCEPTED
 
@@ -192,7 +184,7 @@ def solve_many(buffer, count, rebuild):
     """
     size = state.scalars(buffer, state.AT.parameter, setting_size(buffer))
     seen = state.scalars(
-        buffer, state.AT.last_seen, motion_part(buffer) + 1 + state.extent(buffer).classes
+        buffer, state.AT.last_seen, changes.motion_part(buffer) + 1 + state.extent(buffer).classes
     )
     harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
     streams = state.OVER + state.extent(buffer).decks
@@ -204,10 +196,10 @@ def solve_many(buffer, count, rebuild):
         other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
         for k in range(harmonic.size):
             harmonic[k] = other[k]
-        code = check(buffer)
+        code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
-            seen[motion_part(buffer)] = -1.0  # the feed is spread over other nodes
+            seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         if code == state.ACCEPTED:
             code = solve_steady(buffer)
         result = state.vector(
@@ -235,11 +227,11 @@ def setting_size(buffer):
 @kernel
 def write_figures(buffer, figure):
     """Figures of a steady solution."""
-    read_partition(buffer)
+    outputs.read_partition(buffer)
     output = state.outputs(buffer)
     scene = state.scene(buffer, state.AT.scene, 0, 0)
     figure.transport_velocity = scene.transport_velocity
-    figure.residence_time = residence_time(buffer, state.AT.scene, 0)
+    figure.residence_time = travel.residence_time(buffer, 0)
     for deck in range(state.extent(buffer).decks):
         figure.hold_up += state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[
             deck
@@ -268,13 +260,13 @@ def solve_decks(buffer):
     for deck in range(decks):
         if deck > 0:
             start_slice(buffer, deck)
-        if conveys(buffer, deck):
-            follow(buffer, deck, residence_time(buffer, state.AT.scene, deck))
+        if travel.conveys(buffer, deck):
+            follow(buffer, deck, travel.residence_time(buffer, deck))
         book = state.book(buffer, deck)
-        width = deck_width(buffer, deck)
-        last = panel_count(buffer, deck) - 1
-        passing = width * panel_velocity(buffer, state.AT.scene, deck, 0)
-        leaving = width * panel_velocity(buffer, state.AT.scene, deck, last)
+        width = travel.deck_width(buffer, deck)
+        last = travel.panel_count(buffer, deck) - 1
+        passing = width * travel.panel_velocity(buffer, deck, 0)
+        leaving = width * travel.panel_velocity(buffer, deck, last)
         under = state.node_vector(buffer, state.AT.step_mass, deck)
         over = state.node_vector(buffer, state.AT.step_mass, decks + deck)
         passed = state.node_vector(buffer, state.AT.lead_passed, deck)

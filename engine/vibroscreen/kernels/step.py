@@ -11,7 +11,7 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cascade import advance_decks, all_covered
 from vibroscreen.kernels.bed.classes import merge_classes
 from vibroscreen.kernels.bed.deck import clear_deck
-from vibroscreen.kernels.bed.place import panel_count, residence_time
+from vibroscreen.kernels.bed.travel import panel_count, residence_time
 from vibroscreen.kernels.changes import prepare
 from vibroscreen.kernels.ledger import balance_error, book_masses, count_held
 from vibroscreen.kernels.outputs import write_state, write_streams, write_sums
@@ -137,13 +137,13 @@ def initialise(buffer):
             stream[k] = fraction[k]
     filling = 0.0
     for deck in range(state.extent(buffer).decks):
-        filling += residence_time(buffer, state.AT.scene, deck)
+        filling += residence_time(buffer, deck)
     full = state.parameters(buffer).bed_initial == STEADY_START
-    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
+    if full and residence_time(buffer, 0) > 0.0:
         move(buffer, FILLING * filling)
         move(buffer, 1.0)
     count_held(buffer)
-    if full and residence_time(buffer, state.AT.scene, 0) > 0.0:
+    if full and residence_time(buffer, 0) > 0.0:
         held = state.class_vector(buffer, state.AT.held, 0)
         initial = state.class_vector(buffer, state.AT.initial_mass, 0)
         for k in range(held.size):

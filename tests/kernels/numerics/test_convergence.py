@@ -16,6 +16,7 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.numerics import (
+    blocks,
     chain,
     column,
     explicit,
@@ -39,9 +40,7 @@ def march_explicit(buffer, layers, h, steps, scheme):
     """
     scene_ = state.scene(buffer, state.AT.scene, 0, 0)
     for _ in range(steps):
-        rates.column_rates(
-            buffer, scene_, state.AT.stage, column.NOW, layers, state.AT.stage, column.K1, 0.0
-        )
+        rates.column_rates(buffer, scene_, blocks.NOW, layers, blocks.K1, 0.0)
         if scheme == explicit.PAIR:
             pair.pair_step(buffer, scene_, layers, h, 0.0)
         else:

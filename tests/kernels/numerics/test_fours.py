@@ -29,7 +29,7 @@ from vibroscreen.compiler.fours import (
 )
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import START_SLICE, run
-from vibroscreen.kernels.numerics import column
+from vibroscreen.kernels.numerics import blocks, column
 from vibroscreen.size_classes import SizeClasses
 
 if os.environ.get("NUMBA_DISABLE_JIT") == "1":
@@ -140,7 +140,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     assert (size[taking_part:] == size[taking_part - 1]).all()
     assert (weight[:taking_part] > 0.0).all()
     assert (weight[taking_part:] == 0.0).all()
-    now = layout.view(buffer, "stage")[column.NOW, : (layers + 1) * active]
+    now = layout.view(buffer, "stage")[blocks.NOW, : (layers + 1) * active]
     held = now.reshape(layers + 1, active)[1:]
     assert (held[:, taking_part:] == 0.0).all()
     assert held.sum() == pytest.approx(load.sum(), rel=1e-14)

@@ -8,30 +8,9 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
+from vibroscreen.kernels.bed import falls, front, queue, ride, travel
 from vibroscreen.kernels.bed.deck import advance_top, extend_tail
-from vibroscreen.kernels.bed.falls import (
-    clear_falls,
-    clear_landing,
-    fell_steadily,
-    lay_cohort,
-    lay_records,
-)
-from vibroscreen.kernels.bed.front import (
-    grow_cohort,
-    start_cohort,
-    stream_of_covered_deck,
-    time_to_cover,
-)
 from vibroscreen.kernels.bed.package import package_span, queue_slot
-from vibroscreen.kernels.bed.place import (
-    cell_count,
-    conveys,
-    deck_length,
-    place_after,
-    residence_time,
-)
-from vibroscreen.kernels.bed.queue import advance_queue
-from vibroscreen.kernels.bed.ride import queue_rear
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16
@@ -59,11 +38,11 @@ def piece_of(buffer, left, duration):
     """Length of the next piece of the top deck, s."""
     if covered(buffer, 0):
         return left
-    if conveys(buffer, 0):
+    if travel.conveys(buffer, 0):
         # Even pieces, and none for a step that is hardly longer than one.
-        parts = int(PIECES * left / residence_time(buffer, state.AT.scene, 0) + 0.5)
+        parts = int(PIECES * left / travel.residence_time(buffer, 0) + 0.5)
         piece = left / max(1, parts)
-        until = time_to_cover(buffer, 0)
+        until = front.time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
     if state.scene(buffer, state.AT.scene, 0, 0).passage_velocity == 0.0:
         return left
@@ -76,9 +55,9 @@ def advance_decks(buffer, duration):
     left = duration
     while left > 0.0:
         piece = piece_of(buffer, left, duration)
-        clear_falls(buffer, 0)
+        falls.clear_falls(buffer, 0)
         if covered(buffer, 0):
-            stream_of_covered_deck(buffer, 0, piece)
+            front.stream_of_covered_deck(buffer, 0, piece)
         else:
             piece = advance_top(buffer, piece)
         if state.extent(buffer).decks > 1 and piece > 0.0:
@@ -91,11 +70,11 @@ def part_of(buffer, left):
     """Length of the next part of a piece for the decks below the top one, s."""
     part = left
     for deck in range(1, state.extent(buffer).decks):
-        if covered(buffer, deck) or not conveys(buffer, deck):
+        if covered(buffer, deck) or not travel.conveys(buffer, deck):
             continue
-        part = min(part, residence_time(buffer, state.AT.scene, deck) / cell_count(buffer, deck))
+        part = min(part, travel.residence_time(buffer, deck) / travel.cell_count(buffer, deck))
         if state.book(buffer, deck).cohort_on > 0.0:
-            part = min(part, time_to_cover(buffer, deck))
+            part = min(part, front.time_to_cover(buffer, deck))
     return part
 
 
@@ -110,7 +89,7 @@ def advance_below(buffer, piece):
             # The records of the top deck are those of the whole piece.
             whole = piece if deck == 1 else part
             moment = piece - left + 0.5 * part if deck == 1 else 0.5 * part
-            clear_falls(buffer, deck)
+            falls.clear_falls(buffer, deck)
             advance_under(buffer, deck, part, part / whole, moment, whole)
         left = 0.0 if part == left else left - part
 
@@ -123,9 +102,9 @@ def start_cohorts_below(buffer):
         steady = covered(buffer, deck - 1)
         if deck == 1:
             # What fell in a piece in which the top deck became steady is still to be laid.
-            steady = fell_steadily(buffer, 0)
-        if steady and conveys(buffer, deck) and book.cohort_on == 0.0:
-            start_cohort(buffer, deck, state.book(buffer, 0).cohort_fed)
+            steady = falls.fell_steadily(buffer, 0)
+        if steady and travel.conveys(buffer, deck) and book.cohort_on == 0.0:
+            front.start_cohort(buffer, deck, state.book(buffer, 0).cohort_fed)
 
 
 @kernel
@@ -133,18 +112,18 @@ def advance_under(buffer, deck, duration, share, moment, whole):
     """Advance a deck by `duration` s under a share of what fell from the one above in `whole` s."""
     book = state.book(buffer, deck)
     if covered(buffer, deck):
-        stream_of_covered_deck(buffer, deck, duration)
+        front.stream_of_covered_deck(buffer, deck, duration)
         return
     if book.cohort_on > 0.0:
-        grow_cohort(buffer, deck, duration)
-    elif conveys(buffer, deck):
+        front.grow_cohort(buffer, deck, duration)
+    elif travel.conveys(buffer, deck):
         extend_tail(buffer, deck, duration)
     count = book.packages
     place_packages(buffer, deck, duration)
-    clear_landing(buffer, count)
-    lay_records(buffer, deck, count, share, moment)
-    lay_cohort(buffer, deck, count, share, whole - moment)
-    advance_queue(buffer, deck, duration)
+    falls.clear_landing(buffer, count)
+    falls.lay_records(buffer, deck, count, share, moment)
+    falls.lay_cohort(buffer, deck, count, share, whole - moment)
+    queue.advance_queue(buffer, deck, duration)
     if covered(buffer, deck):
         pay_rest(buffer, deck)
 
@@ -155,14 +134,14 @@ def place_packages(buffer, deck, duration):
     falls = state.extent(buffer).falls
     start = state.vector(buffer, state.AT.landing_start, falls, 0)
     stop = state.vector(buffer, state.AT.landing_stop, falls, 0)
-    length = deck_length(buffer, deck)
-    rear = queue_rear(buffer, deck)
-    if conveys(buffer, deck):
+    length = travel.deck_length(buffer, deck)
+    rear = ride.queue_rear(buffer, deck)
+    if travel.conveys(buffer, deck):
         rear -= 0.5 * duration
     for package in range(int(state.book(buffer, deck).packages) - 1, -1, -1):
         front = rear + package_span(buffer, deck, queue_slot(buffer, deck, package))
-        start[package] = min(length, max(0.0, place_after(buffer, state.AT.scene, deck, rear)))
-        stop[package] = min(length, max(0.0, place_after(buffer, state.AT.scene, deck, front)))
+        start[package] = min(length, max(0.0, travel.place_after(buffer, deck, rear)))
+        stop[package] = min(length, max(0.0, travel.place_after(buffer, deck, front)))
         rear = front
 
 

@@ -34,8 +34,7 @@ from vibroscreen.compiler.language import kernel, record
 from vibroscreen.kernels import state
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, exp, raised
-from vibroscreen.kernels.physics.packing import gap_of
-from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
+from vibroscreen.kernels.physics import packing, segregation
 
 MOST_NODES = 24  # on a piece, where the engine chooses
 # Part of the tolerance that the nodes may use: half their error costs a node or two a class, half
@@ -113,12 +112,12 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     tolerance = parameter.solver_tolerance
     least, coefficient, power = 1, 0.0, 1.0
     scale = aperture
-    if model == EXCHANGE:
+    if model == segregation.EXCHANGE:
         tolerance *= NODE_SHARE
         dilation = parameter.segregation_dilation
         relative = parameter.segregation_relative_dilation
-        finest = gap_of(0.5 * (edge[0] + edge[1]), dilation, relative)
-        coarsest = gap_of(edge[edge.size - 1], dilation, relative)
+        finest = packing.gap_of(0.5 * (edge[0] + edge[1]), dilation, relative)
+        coarsest = packing.gap_of(edge[edge.size - 1], dilation, relative)
         if low >= coarsest:
             return 2
         least = 2
@@ -127,10 +126,10 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
         kink = GAP_KINK if low < aperture else CLOSED_KINK
         coefficient = kink * max(LEAST_KINK_VELOCITY, parameter.segregation_velocity)
         scale, power = high, 0.25
-    elif model == CLASSIFIED or model == PROPORTIONAL:
+    elif model == segregation.CLASSIFIED or model == segregation.PROPORTIONAL:
         if low < aperture:
             coefficient, power = SORTED_KINK, 0.5
-    elif model != WELL_MIXED:
+    elif model != segregation.WELL_MIXED:
         least = 2
     need = (high - low) / scale * raised(coefficient / tolerance, power)
     return min(MOST_NODES, max(least, int(need) + 1))

@@ -4,27 +4,8 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.package import (
-    MOMENT,
-    cohort_end,
-    free_slots,
-    in_cells,
-    new_slot,
-    package_scene,
-    package_span,
-    part_cohort,
-    queue_slot,
-)
-from vibroscreen.kernels.bed.place import (
-    conveys,
-    deck_width,
-    panel_count,
-    panel_velocity,
-    residence_time,
-)
-from vibroscreen.kernels.bed.ride import integrate_package, pass_through
-from vibroscreen.kernels.numerics.layers import restack
-from vibroscreen.kernels.numerics.parts import begin_parts
+from vibroscreen.kernels.bed import package, ride, travel
+from vibroscreen.kernels.numerics import layers, parts
 from vibroscreen.kernels.physics.layer import NOTHING
 
 
@@ -39,11 +20,16 @@ def keep_leader(buffer, deck):
     book = state.book(buffer, deck)
     switch = state.switches(buffer)
     off = switch.closed_cohorts == 0.0 or switch.shared_trajectory == 0.0
-    if off or deck > 0 or panel_count(buffer, deck) > 1 or not in_cells(buffer, deck):
+    if (
+        off
+        or deck > 0
+        or travel.panel_count(buffer, deck) > 1
+        or not package.in_cells(buffer, deck)
+    ):
         return 0.0
-    if book.cells == 0.0 or book.covered > 0.0 or free_slots(buffer, deck) < 2:
+    if book.cells == 0.0 or book.covered > 0.0 or package.free_slots(buffer, deck) < 2:
         return 0.0
-    index = new_slot(buffer, deck)
+    index = package.new_slot(buffer, deck)
     whole = state.slot(buffer, deck, index)
     load = state.column(buffer, state.AT.load, whole)
     lead = state.column(buffer, state.AT.lead, deck)
@@ -57,7 +43,7 @@ def keep_leader(buffer, deck):
         for j in range(layers):
             load[j, i] = lead[j, i]
     state.package_vector(buffer, state.AT.layers_used, deck)[index] = layers
-    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
+    velocity = travel.panel_velocity(buffer, deck, 0)
     state.package_vector(buffer, state.AT.entry_velocity, deck)[index] = velocity
     book.leaders += 1
     return index + 1.0
@@ -72,33 +58,33 @@ def follow_cohort(buffer, deck, place, rear, duration):
     parted. Returns the place behind it, or 0.
     """
     length = state.package_vector(buffer, state.AT.length, deck)
-    first, end = queue_slot(buffer, deck, place), cohort_end(buffer, deck, place)
+    first, end = package.queue_slot(buffer, deck, place), package.cohort_end(buffer, deck, place)
     index = int(state.package_vector(buffer, state.AT.leader, deck)[first]) - 1
     entry = state.package_vector(buffer, state.AT.entry_velocity, deck)[index]
     span = 0.0
     for k in range(place, end):
-        span += length[queue_slot(buffer, deck, k)] / entry
+        span += length[package.queue_slot(buffer, deck, k)] / entry
     leaves = False
-    if conveys(buffer, deck):
-        front = rear + package_span(buffer, deck, first) + duration
-        leaves = front > residence_time(buffer, state.AT.scene, deck)
+    if travel.conveys(buffer, deck):
+        front = rear + package.package_span(buffer, deck, first) + duration
+        leaves = front > travel.residence_time(buffer, deck)
     off = state.switches(buffer).closed_cohorts == 0.0
-    if off or leaves or duration < span * (1.0 - MOMENT):
-        part_cohort(buffer, deck, place)
+    if off or leaves or duration < span * (1.0 - package.MOMENT):
+        package.part_cohort(buffer, deck, place)
         return 0
     ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
     slots = state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)
     start = max(0.0, duration - span)
     age = start
     for part in range(end - place):
-        member = queue_slot(buffer, deck, end - 1 - part)
+        member = package.queue_slot(buffer, deck, end - 1 - part)
         age += length[member] / entry
         ends[part] = duration if part == end - place - 1 else min(age, duration)
         slots[part] = state.slot(buffer, deck, member)
         empty_part(buffer, deck, member, part)
-    begin_parts(buffer, end - place, start)
-    integrate_package(buffer, deck, index, duration)
-    begin_parts(buffer, 0, 0.0)
+    parts.begin_parts(buffer, end - place, start)
+    ride.integrate_package(buffer, deck, index, duration)
+    parts.begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
     passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
     gone = state.node_vector(buffer, state.AT.column_flux, 0)
@@ -163,6 +149,8 @@ def take_part(buffer, deck, index, row, part):
     for i in range(passed.size):
         if scale[i] == 0.0:
             load[0, i] = before[i] - flux[i]
-    used[index] = restack(buffer, package_scene(buffer, deck, index), load, rows)
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
-    pass_through(buffer, deck, row, area, 0.0)
+    used[index] = layers.restack(buffer, package.package_scene(buffer, deck, index), load, rows)
+    area = (
+        travel.deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+    )
+    ride.pass_through(buffer, deck, row, area, 0.0)

@@ -4,25 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.front import PILE_DEPTH, PILE_TIME, SHARE_BELOW, grow_cohort, open_pile
-from vibroscreen.kernels.bed.package import (
-    JOIN,
-    join_back,
-    new_slot,
-    package_scene,
-    panel_of,
-    queue_slot,
-)
-from vibroscreen.kernels.bed.place import (
-    cell_count,
-    cell_length,
-    cell_panel,
-    deck_length,
-    deck_width,
-    panel_velocity,
-    residence_time,
-)
-from vibroscreen.kernels.bed.queue import advance_queue
+from vibroscreen.kernels.bed import front, package, queue, travel
 from vibroscreen.kernels.numerics.layers import restack
 
 
@@ -33,18 +15,18 @@ def clear_deck(buffer, deck):
     kept = numbers(book)
     for i in range(kept.size):
         kept[i] = 0.0
-    book.share = 1.0 if deck == 0 else SHARE_BELOW
+    book.share = 1.0 if deck == 0 else front.SHARE_BELOW
     free = state.package_vector(buffer, state.AT.free, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
-    cells = cell_count(buffer, deck)
+    cells = travel.cell_count(buffer, deck)
     if deck > 0 and free.size > cells:
         queue = state.package_vector(buffer, state.AT.queue, deck)
         for cell in range(cells - 1, -1, -1):
-            index = new_slot(buffer, deck)
-            panel = cell_panel(buffer, deck, cell)
+            index = package.new_slot(buffer, deck)
+            panel = travel.cell_panel(buffer, deck, cell)
             state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-            state.package_vector(buffer, state.AT.length, deck)[index] = cell_length(
+            state.package_vector(buffer, state.AT.length, deck)[index] = travel.cell_length(
                 buffer, deck, panel
             )
             queue[book.packages] = index
@@ -59,22 +41,22 @@ def advance_top(buffer, duration):
     """
     book = state.book(buffer, 0)
     scene = state.scene(buffer, state.AT.scene, 0, 0)
-    velocity = panel_velocity(buffer, state.AT.scene, 0, 0)
+    velocity = travel.panel_velocity(buffer, 0, 0)
     rate = book.cohort_fed
-    deepest = PILE_DEPTH * deck_length(buffer, 0) * scene.density
-    slow = velocity == 0.0 or residence_time(buffer, state.AT.scene, 0) > PILE_TIME
-    heavy = slow and rate > 0.0 and rate >= deck_width(buffer, 0) * velocity * deepest
+    deepest = front.PILE_DEPTH * travel.deck_length(buffer, 0) * scene.density
+    slow = velocity == 0.0 or travel.residence_time(buffer, 0) > front.PILE_TIME
+    heavy = slow and rate > 0.0 and rate >= travel.deck_width(buffer, 0) * velocity * deepest
     if heavy and book.pile_open == 0.0:
-        open_pile(buffer, 0)
+        front.open_pile(buffer, 0)
     piling = book.pile_open > 0.0
     step = duration
     if piling and velocity > 0.0:
         step = min(duration, max(0.0, -book.pile_rear / velocity))
-    advance_queue(buffer, 0, step)
+    queue.advance_queue(buffer, 0, step)
     if piling and velocity > 0.0 and step < duration:
         book.pile_open, book.pile_rear = 0.0, 0.0
     if not piling and velocity > 0.0:
-        grow_cohort(buffer, 0, step)
+        front.grow_cohort(buffer, 0, step)
     return step
 
 
@@ -83,14 +65,14 @@ def extend_tail(buffer, deck, duration):
     """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
     book = state.book(buffer, deck)
     length = state.package_vector(buffer, state.AT.length, deck)
-    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
-    longest = cell_length(buffer, deck, 0) * JOIN
+    velocity = travel.panel_velocity(buffer, deck, 0)
+    longest = travel.cell_length(buffer, deck, 0) * package.JOIN
     fresh = velocity * duration
     count = book.packages
     if count > 0:
-        tail = queue_slot(buffer, deck, count - 1)
+        tail = package.queue_slot(buffer, deck, count - 1)
         whole = length[tail] + fresh
-        if panel_of(buffer, deck, tail) == 0 and whole <= longest:
+        if package.panel_of(buffer, deck, tail) == 0 and whole <= longest:
             load = state.column(buffer, state.AT.load, state.slot(buffer, deck, tail))
             reference = state.node_vector(
                 buffer, state.AT.reference, state.slot(buffer, deck, tail)
@@ -101,10 +83,10 @@ def extend_tail(buffer, deck, duration):
                 reference[i] *= part
                 for j in range(int(used[tail])):
                     load[j, i] *= part
-            scene = package_scene(buffer, deck, tail)
+            scene = package.package_scene(buffer, deck, tail)
             used[tail] = restack(buffer, scene, load, int(used[tail]))
             length[tail] = whole
             return
-    index = new_slot(buffer, deck)
+    index = package.new_slot(buffer, deck)
     length[index] = fresh
-    join_back(buffer, deck, index)
+    package.join_back(buffer, deck, index)

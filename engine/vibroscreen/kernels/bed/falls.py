@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.knots import passed_up_to
-from vibroscreen.kernels.bed.place import cell_length, conveys, deck_length, place_after
+from vibroscreen.kernels.bed import knots, travel
 
 
 @kernel
@@ -65,15 +64,15 @@ def lay_records(buffer, deck, count, share, moment):
     stop = state.vector(buffer, state.AT.fall_stop, falls, above)
     here = state.vector(buffer, state.AT.landing_start, falls, 0)
     there = state.vector(buffer, state.AT.landing_stop, falls, 0)
-    length = deck_length(buffer, deck)
-    ridden = moment if conveys(buffer, above) else 0.0
+    length = travel.deck_length(buffer, deck)
+    ridden = moment if travel.conveys(buffer, above) else 0.0
     for row in range(int(state.vector(buffer, state.AT.fall_count, 4, above)[0])):
-        low = place_after(buffer, state.AT.scene, above, start[row] + ridden)
-        high = place_after(buffer, state.AT.scene, above, stop[row] + ridden)
+        low = travel.place_after(buffer, above, start[row] + ridden)
+        high = travel.place_after(buffer, above, stop[row] + ridden)
         low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
         if high <= low:
             # What a pile before the feed end passes, and what has just left.
-            near = min(cell_length(buffer, deck, 0), length)
+            near = min(travel.cell_length(buffer, deck, 0), length)
             low = 0.0 if low < 0.5 * length else length - near
             high = low + near
         fallen = fall_vector(buffer, above, row)
@@ -129,18 +128,18 @@ def lay_cohort(buffer, deck, count, share, moment):
             due[i] = 0.0
     if last < 0:
         return
-    front = deck_length(buffer, above)
+    front = travel.deck_length(buffer, above)
     if not fell_steadily(buffer, above):
         ridden = max(0.0, upper.cohort_front - moment)
-        front = min(front, place_after(buffer, state.AT.scene, above, ridden))
+        front = min(front, travel.place_after(buffer, above, ridden))
     rear = min(front, here[last])
-    passed_up_to(buffer, above, rear, low)
-    passed_up_to(buffer, above, front, whole)
+    knots.passed_up_to(buffer, above, rear, low)
+    knots.passed_up_to(buffer, above, front, whole)
     # The rear package is the last: it starts where the cohort ends; the others follow.
     for package in range(last, -1, -1):
         if there[package] <= here[package] or here[package] >= front:
             continue
-        passed_up_to(buffer, above, min(front, there[package]), high)
+        knots.passed_up_to(buffer, above, min(front, there[package]), high)
         landing = state.node_vector(buffer, state.AT.landing, package)
         for i in range(nodes):
             rest = whole[i] - low[i]

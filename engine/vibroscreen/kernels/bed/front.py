@@ -7,37 +7,9 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.cohorts import keep_leader
-from vibroscreen.kernels.bed.held import depth_at_feed, package_load
-from vibroscreen.kernels.bed.knots import lead_source, record_nothing
-from vibroscreen.kernels.bed.package import (
-    JOIN,
-    alike,
-    bed_capacity,
-    in_cells,
-    join_back,
-    merge_into,
-    new_slot,
-    package_scene,
-    panel_of,
-    queue_slot,
-)
-from vibroscreen.kernels.bed.place import (
-    cell_count,
-    cell_end,
-    cell_length,
-    cell_panel,
-    deck_width,
-    panel_count,
-    panel_end_time,
-    panel_velocity,
-    place_after,
-    residence_time,
-)
-from vibroscreen.kernels.numerics.implicit import carry_debts
-from vibroscreen.kernels.numerics.integrate import clear_sums, integrate
+from vibroscreen.kernels.bed import cohorts, held, knots, package, travel
+from vibroscreen.kernels.numerics import implicit, integrate, parts
 from vibroscreen.kernels.numerics.layers import bed_load, restack
-from vibroscreen.kernels.numerics.parts import begin_parts
 
 # A feed piles up where it would lie deeper than this part of the deck's length, on a deck that
 # takes longer than this to carry it to the discharge, s. One that conveys faster carries any feed.
@@ -52,10 +24,10 @@ def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
     book = state.book(buffer, deck)
     join_queue(buffer, deck)
-    index = new_slot(buffer, deck)
-    length = cell_length(buffer, deck, 0)
+    index = package.new_slot(buffer, deck)
+    length = travel.cell_length(buffer, deck, 0)
     state.package_vector(buffer, state.AT.length, deck)[index] = length
-    join_back(buffer, deck, index)
+    package.join_back(buffer, deck, index)
     book.pile_open, book.pile_rear = 1.0, -length
 
 
@@ -64,7 +36,9 @@ def feed_pile(buffer, deck, index, duration):
     """Set the feed as a source on top of the pile, kg/(m2 s)."""
     source = state.node_vector(buffer, state.AT.source, 0)
     reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+    area = (
+        travel.deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+    )
     rate = state.book(buffer, deck).cohort_fed
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
     state.extent(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
@@ -87,8 +61,8 @@ def start_cohort(buffer, deck, rate):
     passed = state.node_vector(buffer, state.AT.lead_passed, deck)
     partial_passed = state.node_vector(buffer, state.AT.partial_passed, deck)
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
-    velocity = panel_velocity(buffer, state.AT.scene, deck, 0)
-    load = rate / (deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
+    velocity = travel.panel_velocity(buffer, deck, 0)
+    load = rate / (travel.deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
     for j in range(lead.shape[0]):
         for i in range(fed.size):
             lead[j, i], partial[j, i] = 0.0, 0.0
@@ -112,15 +86,15 @@ def join_queue(buffer, deck):
     before = book.packages
     leading = 0.0
     if book.cohort_on > 0.0 and book.cohort_front > 0.0:
-        leading = keep_leader(buffer, deck)
+        leading = cohorts.keep_leader(buffer, deck)
         append_piece(buffer, deck)
     cell = state.package_vector(buffer, state.AT.cell, deck)
     while book.cells > 0.0:
         book.cells -= 1
-        join_back(buffer, deck, cell[book.cells])
+        package.join_back(buffer, deck, cell[book.cells])
     leader = state.package_vector(buffer, state.AT.leader, deck)
     for place in range(before, book.packages):
-        leader[queue_slot(buffer, deck, place)] = leading
+        leader[package.queue_slot(buffer, deck, place)] = leading
     book.cohort_on, book.cohort_front, book.covered = 0.0, 0.0, 0.0
     if before > 0 and before < book.packages:
         join_neighbours(buffer, deck, before - 1)
@@ -132,44 +106,44 @@ def append_piece(buffer, deck):
     book = state.book(buffer, deck)
     span = book.cohort_front
     panel = 0
-    if in_cells(buffer, deck):
+    if package.in_cells(buffer, deck):
         if book.covered > 0.0:
             return
         cells = book.cells
-        panel = cell_panel(buffer, deck, cells)
+        panel = travel.cell_panel(buffer, deck, cells)
         if cells > 0:
-            span -= cell_end(buffer, state.AT.scene, deck, cells - 1)
+            span -= travel.cell_end(buffer, deck, cells - 1)
     else:
-        while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, state.AT.scene, deck, panel) > 0.5 * span:
+        while panel + 1 < travel.panel_count(buffer, deck):
+            if travel.panel_end_time(buffer, deck, panel) > 0.5 * span:
                 break
             panel += 1
     if span <= 0.0:
         return
-    index = new_slot(buffer, deck)
-    length = span * panel_velocity(buffer, state.AT.scene, deck, panel)
+    index = package.new_slot(buffer, deck)
+    length = span * travel.panel_velocity(buffer, deck, panel)
     state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-    if in_cells(buffer, deck):
+    if package.in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
     state.package_vector(buffer, state.AT.length, deck)[index] = length
-    join_back(buffer, deck, index)
+    package.join_back(buffer, deck, index)
 
 
 @kernel
 def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
     length = state.package_vector(buffer, state.AT.length, deck)
-    one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
+    one, two = package.queue_slot(buffer, deck, place), package.queue_slot(buffer, deck, place + 1)
     leader = state.package_vector(buffer, state.AT.leader, deck)
     if leader[one] + leader[two] > 0.0:
         return
-    if panel_of(buffer, deck, one) != panel_of(buffer, deck, two):
+    if package.panel_of(buffer, deck, one) != package.panel_of(buffer, deck, two):
         return
-    loads = package_load(buffer, deck, place) + package_load(buffer, deck, place + 1)
-    longest = cell_length(buffer, deck, panel_of(buffer, deck, one))
-    short = length[one] + length[two] <= longest * JOIN
-    if (loads == 0.0 and deck == 0) or (short and alike(buffer, deck, one, two)):
-        merge_into(buffer, deck, place)
+    loads = held.package_load(buffer, deck, place) + held.package_load(buffer, deck, place + 1)
+    longest = travel.cell_length(buffer, deck, package.panel_of(buffer, deck, one))
+    short = length[one] + length[two] <= longest * package.JOIN
+    if (loads == 0.0 and deck == 0) or (short and package.alike(buffer, deck, one, two)):
+        package.merge_into(buffer, deck, place)
 
 
 @kernel
@@ -191,7 +165,7 @@ def finish_cell(buffer, deck, index, length):
         for j in range(layers):
             load[j, i] = partial[j, i] / length
             partial[j, i] = 0.0
-    scene = package_scene(buffer, deck, index)
+    scene = package.package_scene(buffer, deck, index)
     state.package_vector(buffer, state.AT.layers_used, deck)[index] = restack(
         buffer, scene, load, layers
     )
@@ -219,27 +193,27 @@ def advance_lead(buffer, deck, duration):
     undersize = state.node_vector(buffer, state.AT.step_mass, deck)
     fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
     carry = state.node_vector(buffer, state.AT.carry, deck)
-    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
-    first = panel_velocity(buffer, state.AT.scene, deck, 0)
-    width = deck_width(buffer, deck)
+    velocity = travel.panel_velocity(buffer, deck, panel)
+    first = travel.panel_velocity(buffer, deck, 0)
+    width = travel.deck_width(buffer, deck)
     on_first = velocity / first if first > 0.0 else 1.0
     below = deck + 1 < state.extent(buffer).decks
     left = duration
     while left > 0.0:
         step = left
-        place = place_after(buffer, state.AT.scene, deck, book.cohort_front + (duration - left))
+        place = travel.place_after(buffer, deck, book.cohort_front + (duration - left))
         if deck > 0:
-            step = min(left, lead_source(buffer, deck, place, velocity))
+            step = min(left, knots.lead_source(buffer, deck, place, velocity))
         before = book.lead_layers
         state.extent(buffer).recorded = deck + 1.0 if below else 0.0
         state.extent(buffer).recorded_from = place
         if state.extent(buffer).source_terms == 0.0 and bed_load(lead, before) == 0.0:
-            clear_sums(buffer, before)
+            integrate.clear_sums(buffer, before)
             book.rows = before
             if below:
-                record_nothing(buffer, place, place + velocity * step)
+                knots.record_nothing(buffer, place, place + velocity * step)
         else:
-            book.lead_layers = integrate(buffer, scene, book, lead, fed, before, step)
+            book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, before, step)
         state.extent(buffer).source_terms, state.extent(buffer).recorded = 0.0, 0.0
         rows = book.rows
         for i in range(fed.size):
@@ -270,15 +244,15 @@ def cells_ahead(buffer, deck, duration):
     slots = state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)
     cell, panel = state.package_vector(buffer, state.AT.cell, deck), book.lead_panel
     count, taken, finished = 0, 0.0, True
-    while finished and taken < duration and book.cells < cell_count(buffer, deck):
+    while finished and taken < duration and book.cells < travel.cell_count(buffer, deck):
         done = book.cells
-        if cell_panel(buffer, deck, done) != panel:
+        if travel.cell_panel(buffer, deck, done) != panel:
             break
-        target = cell_end(buffer, state.AT.scene, deck, done)
+        target = travel.cell_end(buffer, deck, done)
         until = max(0.0, target - book.cohort_front)
         finished = until <= duration or book.cohort_front + duration >= target
         taken = max(taken, min(until, duration))
-        index = new_slot(buffer, deck)
+        index = package.new_slot(buffer, deck)
         state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
         passed = state.node_vector(buffer, state.AT.part_passed, count)
         for i in range(passed.size):
@@ -287,7 +261,7 @@ def cells_ahead(buffer, deck, duration):
         count += 1
         cell[done] = index
         book.cells += 1
-    begin_parts(buffer, count, 0.0)
+    parts.begin_parts(buffer, count, 0.0)
     return taken, finished
 
 
@@ -307,11 +281,11 @@ def advance_over_cells(buffer, deck, duration):
         book.pace = book.first_pace
     extent = state.extent(buffer)
     extent.recorded = 1 if deck + 1 < extent.decks else 0
-    extent.recorded_from = place_after(buffer, state.AT.scene, deck, book.cohort_front)
+    extent.recorded_from = travel.place_after(buffer, deck, book.cohort_front)
     layers = book.lead_layers
-    book.lead_layers = integrate(buffer, scene, book, lead, fed, layers, taken)
+    book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, taken)
     state.extent(buffer).recorded = 0.0
-    begin_parts(buffer, 0, 0.0)
+    parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0
     for done in range(before, last + 1):
@@ -320,12 +294,12 @@ def advance_over_cells(buffer, deck, duration):
             end_cell(buffer, deck, done)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
     gone = state.node_vector(buffer, state.AT.lead_passed, deck)
-    velocity = panel_velocity(buffer, state.AT.scene, deck, book.lead_panel)
-    first = panel_velocity(buffer, state.AT.scene, deck, 0)
+    velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
+    first = travel.panel_velocity(buffer, deck, 0)
     for i in range(passed.size):
         gone[i] += velocity / first * passed[i]
     if finished:
-        book.cohort_front = cell_end(buffer, state.AT.scene, deck, last)
+        book.cohort_front = travel.cell_end(buffer, deck, last)
         end_cell(buffer, deck, last)
     else:
         book.cohort_front += taken
@@ -346,11 +320,11 @@ def collect_cell(buffer, deck, cell, part, begin):
     undersize = state.node_vector(buffer, state.AT.step_mass, deck)
     fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
     collected = state.node_vector(buffer, state.AT.partial_passed, deck)
-    panel = panel_of(buffer, deck, index)
-    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
-    first = panel_velocity(buffer, state.AT.scene, deck, 0)
-    rows, width = book.rows, deck_width(buffer, deck)
-    carry_debts(time, load, rows)
+    panel = package.panel_of(buffer, deck, index)
+    velocity = travel.panel_velocity(buffer, deck, panel)
+    first = travel.panel_velocity(buffer, deck, 0)
+    rows, width = book.rows, travel.deck_width(buffer, deck)
+    implicit.carry_debts(time, load, rows)
     for i in range(time.size):
         along = first * before[i] * (end - begin) + velocity * time[i]
         collected[i] += along
@@ -368,8 +342,8 @@ def cross_lead(buffer, deck):
     """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
     book = state.book(buffer, deck)
     panel = book.lead_panel
-    velocity = panel_velocity(buffer, state.AT.scene, deck, panel)
-    stretch = panel_velocity(buffer, state.AT.scene, deck, panel + 1) / velocity
+    velocity = travel.panel_velocity(buffer, deck, panel)
+    stretch = travel.panel_velocity(buffer, deck, panel + 1) / velocity
     lead = state.column(buffer, state.AT.lead, deck)
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     layers = book.lead_layers
@@ -386,20 +360,18 @@ def cross_lead(buffer, deck):
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
     book = state.book(buffer, deck)
-    if not in_cells(buffer, deck):
+    if not package.in_cells(buffer, deck):
         return
-    last = panel_count(buffer, deck) - 1
-    passing = deck_width(buffer, deck) * panel_velocity(buffer, state.AT.scene, deck, 0) * duration
-    leaving = (
-        deck_width(buffer, deck) * panel_velocity(buffer, state.AT.scene, deck, last) * duration
-    )
+    last = travel.panel_count(buffer, deck) - 1
+    passing = travel.deck_width(buffer, deck) * travel.panel_velocity(buffer, deck, 0) * duration
+    leaving = travel.deck_width(buffer, deck) * travel.panel_velocity(buffer, deck, last) * duration
     undersize = state.node_vector(buffer, state.AT.step_mass, deck)
     oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
     fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
     passed = state.node_vector(buffer, state.AT.lead_passed, deck)
     lead = state.column(buffer, state.AT.lead, deck)
     layered = state.extent(buffer).layered > 0
-    if layered and depth_at_feed(buffer, deck) > bed_capacity(buffer, deck):
+    if layered and held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck):
         book.capacity_alarm = 1.0
     for i in range(passed.size):
         undersize[i] += passing * passed[i]
@@ -412,7 +384,7 @@ def stream_of_covered_deck(buffer, deck, duration):
 def time_to_cover(buffer, deck):
     """Time until the cohort covers the deck, s."""
     book = state.book(buffer, deck)
-    return residence_time(buffer, state.AT.scene, deck) - book.cohort_front
+    return travel.residence_time(buffer, deck) - book.cohort_front
 
 
 @kernel
@@ -421,7 +393,7 @@ def grow_cohort(buffer, deck, duration):
     book = state.book(buffer, deck)
     left = duration
     while left > 0.0 and book.covered == 0.0:
-        if not in_cells(buffer, deck):
+        if not package.in_cells(buffer, deck):
             left -= grow_empty(buffer, deck, left)
         elif deck == 0:
             left -= advance_over_cells(buffer, deck, left)
@@ -435,7 +407,7 @@ def grow_cohort(buffer, deck, duration):
 def grow_empty(buffer, deck, duration):
     """Advance the front of a cohort without feed; returns the time it took, s."""
     book = state.book(buffer, deck)
-    target = residence_time(buffer, state.AT.scene, deck)
+    target = travel.residence_time(buffer, deck)
     until = max(0.0, target - book.cohort_front)
     if until > duration and book.cohort_front + duration < target:
         book.cohort_front += duration
@@ -449,7 +421,7 @@ def grow_cell(buffer, deck, duration):
     """Advance the front of a lower deck's cohort within a cell; returns the time it took, s."""
     book = state.book(buffer, deck)
     done = book.cells
-    target = cell_end(buffer, state.AT.scene, deck, done)
+    target = travel.cell_end(buffer, deck, done)
     until = max(0.0, target - book.cohort_front)
     step = min(duration, until)
     if step > 0.0:
@@ -458,8 +430,10 @@ def grow_cell(buffer, deck, duration):
         book.cohort_front += duration
         return step
     book.cohort_front = target
-    index = new_slot(buffer, deck)
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = cell_panel(buffer, deck, done)
+    index = package.new_slot(buffer, deck)
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = travel.cell_panel(
+        buffer, deck, done
+    )
     state.package_vector(buffer, state.AT.cell, deck)[done] = index
     book.cells += 1
     end_cell(buffer, deck, done)
@@ -469,10 +443,10 @@ def grow_cell(buffer, deck, duration):
 @kernel
 def end_cell(buffer, deck, cell):
     """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
-    panel = cell_panel(buffer, deck, cell)
+    panel = travel.cell_panel(buffer, deck, cell)
     index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
-    finish_cell(buffer, deck, index, cell_length(buffer, deck, panel))
-    if cell + 1 == cell_count(buffer, deck):
+    finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
+    if cell + 1 == travel.cell_count(buffer, deck):
         state.book(buffer, deck).covered = 1.0
-    elif cell_panel(buffer, deck, cell + 1) != panel:
+    elif travel.cell_panel(buffer, deck, cell + 1) != panel:
         cross_lead(buffer, deck)

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.package import in_cells, package_span, queue_slot
-from vibroscreen.kernels.bed.place import (
-    conveys,
-    deck_length,
-    deck_width,
-    panel_count,
-    panel_velocity,
-    residence_time,
-)
-from vibroscreen.kernels.bed.ride import queue_rear
+from vibroscreen.kernels.bed import package, ride, travel
 from vibroscreen.kernels.numerics.layers import bed_load
 
 
@@ -21,7 +12,7 @@ from vibroscreen.kernels.numerics.layers import bed_load
 def held_by_node(buffer, deck, held):
     """Add what lies on a deck to `held[node]`, kg; returns its sum over the sizes."""
     book = state.book(buffer, deck)
-    width = deck_width(buffer, deck)
+    width = travel.deck_width(buffer, deck)
     length = state.package_vector(buffer, state.AT.length, deck)
     used = state.package_vector(buffer, state.AT.layers_used, deck)
     queue = state.package_vector(buffer, state.AT.queue, deck)
@@ -48,7 +39,7 @@ def held_by_node(buffer, deck, held):
 @kernel
 def package_load(buffer, deck, place):
     """Areal mass of a package of the queue, kg/m2."""
-    index = queue_slot(buffer, deck, place)
+    index = package.queue_slot(buffer, deck, place)
     used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
     return bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used)
 
@@ -60,8 +51,8 @@ def depth_at_feed(buffer, deck):
     count = book.packages
     density = state.scene(buffer, state.AT.scene, deck, 0).density
     if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
-        load = book.cohort_fed / deck_width(buffer, deck)
-        return load / (panel_velocity(buffer, state.AT.scene, deck, 0) * density)
+        load = book.cohort_fed / travel.deck_width(buffer, deck)
+        return load / (travel.panel_velocity(buffer, deck, 0) * density)
     if book.cells > 0.0:
         index = int(state.package_vector(buffer, state.AT.cell, deck)[0])
         used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
@@ -78,21 +69,21 @@ def depth_at_discharge(buffer, deck):
     book = state.book(buffer, deck)
     density = state.scene(buffer, state.AT.scene, deck, 0).density
     if book.covered > 0.0:
-        if not in_cells(buffer, deck):
+        if not package.in_cells(buffer, deck):
             return 0.0
         return bed_load(state.column(buffer, state.AT.lead, deck), book.lead_layers) / density
     count = book.packages
     if count == 0:
         return 0.0
-    front = queue_rear(buffer, deck)
+    front = ride.queue_rear(buffer, deck)
     for place in range(count):
-        front += package_span(buffer, deck, queue_slot(buffer, deck, place))
-    end = deck_length(buffer, deck)
-    if conveys(buffer, deck):
-        end = residence_time(buffer, state.AT.scene, deck)
+        front += package.package_span(buffer, deck, package.queue_slot(buffer, deck, place))
+    end = travel.deck_length(buffer, deck)
+    if travel.conveys(buffer, deck):
+        end = travel.residence_time(buffer, deck)
     slack = 1e-9 * end
-    if panel_count(buffer, deck) > 1:
+    if travel.panel_count(buffer, deck) > 1:
         # Where panels change their velocities, packages across their ends get longer or shorter.
-        slack += 0.5 * package_span(buffer, deck, queue_slot(buffer, deck, 0))
+        slack += 0.5 * package.package_span(buffer, deck, package.queue_slot(buffer, deck, 0))
     at_end = front >= end - slack
     return package_load(buffer, deck, 0) / density if at_end else 0.0

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.place import deck_length, deck_width, panel_velocity
+from vibroscreen.kernels.bed.travel import deck_length, deck_width, panel_velocity
 
 # Two knots nearer than this part of the deck's length are one.
 SAME_PLACE = 1e-12
@@ -42,8 +42,8 @@ def record_knot(buffer, place):
         count = book.knots
     knot = count - 1 if again else count
     width = deck_width(buffer, deck)
-    first = width * panel_velocity(buffer, state.AT.scene, deck, 0)
-    here = width * panel_velocity(buffer, state.AT.scene, deck, book.lead_panel)
+    first = width * panel_velocity(buffer, deck, 0)
+    here = width * panel_velocity(buffer, deck, book.lead_panel)
     before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
     passed = state.node_vector(buffer, state.AT.record, 0)
     passing = state.node_vector(buffer, state.AT.record, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.place import conveys, panel_velocity
+from vibroscreen.kernels.bed.travel import conveys, panel_velocity
 from vibroscreen.kernels.numerics.layers import restack
 
 # A package moved by less than this part of a length has moved by round-off.
@@ -111,7 +111,7 @@ def package_scene(buffer, deck, index):
 @kernel
 def package_velocity(buffer, deck, index):
     """Velocity of a package, m/s."""
-    return panel_velocity(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
+    return panel_velocity(buffer, deck, panel_of(buffer, deck, index))
 
 
 @kernel

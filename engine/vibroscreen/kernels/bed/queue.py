@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.cohorts import follow_cohort, take_part
-from vibroscreen.kernels.bed.falls import fall_row
-from vibroscreen.kernels.bed.front import feed_pile
-from vibroscreen.kernels.bed.package import leave_queue, package_span, queue_slot
-from vibroscreen.kernels.bed.place import conveys, panel_velocity
-from vibroscreen.kernels.bed.ride import advance_package, queue_rear, ride
+from vibroscreen.kernels.bed import cohorts, falls, front, package, ride, travel
 
 
 @kernel
@@ -18,32 +13,35 @@ def advance_queue(buffer, deck, duration):
     book = state.book(buffer, deck)
     count = book.packages
     # A lower deck's new packages came in at the start of the step, and its cohort is ahead.
-    rear = queue_rear(buffer, deck)
-    if deck > 0 and conveys(buffer, deck):
+    rear = ride.queue_rear(buffer, deck)
+    if deck > 0 and travel.conveys(buffer, deck):
         rear -= duration
     for place in range(count - 1, 0, -1):
-        rear += package_span(buffer, deck, queue_slot(buffer, deck, place))
+        rear += package.package_span(buffer, deck, package.queue_slot(buffer, deck, place))
     gone, followed = 0, 0
     for place in range(count):
-        index = queue_slot(buffer, deck, place)
+        index = package.queue_slot(buffer, deck, place)
         pile = place == count - 1 and book.pile_open > 0.0
         if place >= followed and state.package_vector(buffer, state.AT.leader, deck)[index] > 0.0:
-            followed = follow_cohort(buffer, deck, place, rear, duration)
+            followed = cohorts.follow_cohort(buffer, deck, place, rear, duration)
         behind = 0.0
         if place + 1 < count:
-            behind = package_span(buffer, deck, queue_slot(buffer, deck, place + 1))
-        fall_row(buffer, deck, place, rear, rear + package_span(buffer, deck, index))
+            behind = package.package_span(buffer, deck, package.queue_slot(buffer, deck, place + 1))
+        falls.fall_row(buffer, deck, place, rear, rear + package.package_span(buffer, deck, index))
         if place < followed:
-            take_part(buffer, deck, index, place, followed - 1 - place)
+            cohorts.take_part(buffer, deck, index, place, followed - 1 - place)
         elif pile:
-            feed_pile(buffer, deck, index, duration)
-            ride(buffer, deck, index, place, duration)
+            front.feed_pile(buffer, deck, index, duration)
+            ride.ride(buffer, deck, index, place, duration)
             state.extent(buffer).source_terms = 0.0
-        elif advance_package(buffer, deck, index, place, rear, duration) <= 0.0 and place == gone:
+        elif (
+            ride.advance_package(buffer, deck, index, place, rear, duration) <= 0.0
+            and place == gone
+        ):
             gone += 1
         rear -= behind
     state.vector(buffer, state.AT.fall_count, 4, deck)[0] = count
     for _ in range(gone):
-        leave_queue(buffer, deck, 0)
+        package.leave_queue(buffer, deck, 0)
     if book.pile_open > 0.0:
-        book.pile_rear += panel_velocity(buffer, state.AT.scene, deck, 0) * duration
+        book.pile_rear += travel.panel_velocity(buffer, deck, 0) * duration

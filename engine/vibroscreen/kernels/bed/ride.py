@@ -4,27 +4,8 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.falls import fall_vector
-from vibroscreen.kernels.bed.package import (
-    MOMENT,
-    keep_pace,
-    package_scene,
-    package_span,
-    package_velocity,
-    panel_of,
-    use_pace,
-)
-from vibroscreen.kernels.bed.place import (
-    cell_count,
-    conveys,
-    deck_width,
-    panel_count,
-    panel_end_time,
-    residence_time,
-    riding_time,
-)
-from vibroscreen.kernels.numerics.integrate import integrate
-from vibroscreen.kernels.numerics.layers import bed_load, restack
+from vibroscreen.kernels.bed import falls, package, travel
+from vibroscreen.kernels.numerics import integrate, layers
 
 
 @kernel
@@ -34,19 +15,19 @@ def integrate_package(buffer, deck, index, duration):
     whole = state.slot(buffer, deck, index)
     pace = state.vector(buffer, state.AT.pace, 4, whole)
     lead_pace = (book.step, book.order, book.pace, book.wide)
-    use_pace(book, pace)
+    package.use_pace(book, pace)
     used = state.package_vector(buffer, state.AT.layers_used, deck)
-    used[index] = integrate(
+    used[index] = integrate.integrate(
         buffer,
-        package_scene(buffer, deck, index),
+        package.package_scene(buffer, deck, index),
         book,
         state.column(buffer, state.AT.load, whole),
         state.node_vector(buffer, state.AT.reference, whole),
         int(used[index]),
         duration,
     )
-    keep_pace(book, pace)
-    use_pace(book, lead_pace)
+    package.keep_pace(book, pace)
+    package.use_pace(book, lead_pace)
     state.counters(buffer).packages_integrated += 1.0
 
 
@@ -56,7 +37,7 @@ def pass_through(buffer, deck, row, scale, scale_time):
     undersize = state.node_vector(buffer, state.AT.step_mass, deck)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
     passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    fallen = fall_vector(buffer, deck, row)
+    fallen = falls.fall_vector(buffer, deck, row)
     record = deck + 1 < state.extent(buffer).decks
     for i in range(passed.size):
         mass = scale * passed[i] + scale_time * passed_time[i]
@@ -83,7 +64,9 @@ def refer_to_landing(buffer, deck, index, row):
     """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
     reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
     landing = state.node_vector(buffer, state.AT.landing, row)
-    area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+    area = (
+        travel.deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+    )
     for i in range(reference.size):
         if landing[i] > 0.0:
             reference[i] += landing[i] / area
@@ -94,7 +77,10 @@ def ride(buffer, deck, index, row, duration):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
         integrate_package(buffer, deck, index, duration)
-        area = deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
+        area = (
+            travel.deck_width(buffer, deck)
+            * state.package_vector(buffer, state.AT.length, deck)[index]
+        )
         pass_through(buffer, deck, row, area, 0.0)
 
 
@@ -107,7 +93,7 @@ def discharge(buffer, deck, index, row, duration, rest):
     """
     length = state.package_vector(buffer, state.AT.length, deck)
     integrate_package(buffer, deck, index, duration)
-    width = deck_width(buffer, deck)
+    width = travel.deck_width(buffer, deck)
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
     oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
@@ -128,12 +114,13 @@ def idle(buffer, deck, index, row):
         for i in range(landing.size):
             if landing[i] != 0.0:
                 return False
-    scene = package_scene(buffer, deck, index)
+    scene = package.package_scene(buffer, deck, index)
     if scene.passage_velocity + scene.segregation_velocity + scene.mixing == 0.0:
-        return not conveys(buffer, deck)
+        return not travel.conveys(buffer, deck)
     used = int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
     return (
-        bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used) == 0.0
+        layers.bed_load(state.column(buffer, state.AT.load, state.slot(buffer, deck, index)), used)
+        == 0.0
     )
 
 
@@ -142,7 +129,7 @@ def shed(buffer, deck, index):
     """Let what is left of a package fall over the deck's end at once."""
     load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
     length = state.package_vector(buffer, state.AT.length, deck)
-    area = deck_width(buffer, deck) * length[index]
+    area = travel.deck_width(buffer, deck) * length[index]
     oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
     for j in range(int(state.package_vector(buffer, state.AT.layers_used, deck)[index])):
         for i in range(oversize.size):
@@ -154,9 +141,9 @@ def shed(buffer, deck, index):
 def cross(buffer, deck, index):
     """Move a package to the next panel: its length changes with the velocity, its mass stays."""
     panel = state.package_vector(buffer, state.AT.on_panel, deck)
-    before = package_velocity(buffer, deck, index)
+    before = package.package_velocity(buffer, deck, index)
     panel[index] += 1.0
-    stretch = package_velocity(buffer, deck, index) / before
+    stretch = package.package_velocity(buffer, deck, index) / before
     whole = state.slot(buffer, deck, index)
     load = state.column(buffer, state.AT.load, whole)
     reference = state.node_vector(buffer, state.AT.reference, whole)
@@ -166,7 +153,9 @@ def cross(buffer, deck, index):
         reference[i] /= stretch
         for j in range(int(used[index])):
             load[j, i] /= stretch
-    used[index] = restack(buffer, package_scene(buffer, deck, index), load, int(used[index]))
+    used[index] = layers.restack(
+        buffer, package.package_scene(buffer, deck, index), load, int(used[index])
+    )
 
 
 @kernel
@@ -176,13 +165,13 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
     What lands on it comes evenly within `time` s, of which this is a part.
     """
     left = duration
-    width = deck_width(buffer, deck)
+    width = travel.deck_width(buffer, deck)
     while True:
         step = left
-        panel = panel_of(buffer, deck, index)
+        panel = package.panel_of(buffer, deck, index)
         crosses = False
-        if panel + 1 < panel_count(buffer, deck) and conveys(buffer, deck):
-            until = panel_end_time(buffer, state.AT.scene, deck, panel) - middle
+        if panel + 1 < travel.panel_count(buffer, deck) and travel.conveys(buffer, deck):
+            until = travel.panel_end_time(buffer, deck, panel) - middle
             crosses = until < left
             step = max(0.0, until) if crosses else left
         if deck > 0:
@@ -202,38 +191,38 @@ def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
     length = state.package_vector(buffer, state.AT.length, deck)
     whole, over = duration, 0.0  # time as a whole on the deck, then while it is discharged
-    span = package_span(buffer, deck, index)
+    span = package.package_span(buffer, deck, index)
     rest = span
-    if conveys(buffer, deck):
-        end = residence_time(buffer, state.AT.scene, deck)
+    if travel.conveys(buffer, deck):
+        end = travel.residence_time(buffer, deck)
         whole = min(duration, max(0.0, end - rear - span))
-        if whole < min(duration, MOMENT * span):
+        if whole < min(duration, package.MOMENT * span):
             whole = 0.0
         over = min(duration, max(0.0, end - rear)) - whole
         rest = min(rest, end - rear - duration)
-        if rest < MOMENT * end / cell_count(buffer, deck):
+        if rest < package.MOMENT * end / travel.cell_count(buffer, deck):
             rest = 0.0
         if rest >= span:
             whole, over = whole + over, 0.0
     if idle(buffer, deck, index, row):
         state.counters(buffer).packages_skipped += 1.0
         ride_over(buffer, deck, index, rear + 0.5 * span + whole)
-        if rest == 0.0 and over + whole > 0.0 and conveys(buffer, deck):
+        if rest == 0.0 and over + whole > 0.0 and travel.conveys(buffer, deck):
             shed(buffer, deck, index)
         elif rest < span:
-            length[index] = rest * package_velocity(buffer, deck, index)
+            length[index] = rest * package.package_velocity(buffer, deck, index)
         return length[index]
     if deck > 0:
         refer_to_landing(buffer, deck, index, row)
     ride_panels(buffer, deck, index, row, rear + 0.5 * span, whole, whole + over)
     if rest < span and over > 0.0:
-        rest *= package_velocity(buffer, deck, index)
+        rest *= package.package_velocity(buffer, deck, index)
         if deck > 0:
-            area = 0.5 * deck_width(buffer, deck) * (length[index] + rest)
+            area = 0.5 * travel.deck_width(buffer, deck) * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
         state.extent(buffer).source_terms = 0.0
-    elif rest == 0.0 and conveys(buffer, deck):
+    elif rest == 0.0 and travel.conveys(buffer, deck):
         shed(buffer, deck, index)
     return length[index]
 
@@ -241,10 +230,10 @@ def advance_package(buffer, deck, index, row, rear, duration):
 @kernel
 def ride_over(buffer, deck, index, middle):
     """Move a package in which nothing happens on to the panel of its middle."""
-    if conveys(buffer, deck):
-        panel = panel_of(buffer, deck, index)
-        while panel + 1 < panel_count(buffer, deck):
-            if panel_end_time(buffer, state.AT.scene, deck, panel) > middle:
+    if travel.conveys(buffer, deck):
+        panel = package.panel_of(buffer, deck, index)
+        while panel + 1 < travel.panel_count(buffer, deck):
+            if travel.panel_end_time(buffer, deck, panel) > middle:
                 break
             cross(buffer, deck, index)
             panel += 1
@@ -255,5 +244,5 @@ def queue_rear(buffer, deck):
     """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
     book = state.book(buffer, deck)
     if book.pile_open > 0.0:
-        return riding_time(buffer, state.AT.scene, deck, book.pile_rear)
+        return travel.riding_time(buffer, deck, book.pile_rear)
     return book.cohort_front

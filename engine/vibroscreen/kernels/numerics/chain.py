@@ -6,10 +6,7 @@ import numpy as np
 
 from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import K1, K2, K7, NOW, STAGED, block
-from vibroscreen.kernels.numerics.explicit import embedded_error
-from vibroscreen.kernels.numerics.rates import column_rates, rows_followed
+from vibroscreen.kernels.numerics import blocks, explicit, rates
 
 # The chain of order 3 (MODEL.md, "Explicit schemes"), 4 to 10 stages, one after the other: weights
 # of the rates of the stage before in stages 2 to 10; of the first rates in the last stage; of the
@@ -62,9 +59,9 @@ CHAIN_STABLE = CHAIN_TABLE[:, 19].copy()
 
 @kernel
 def chain_stage(buffer, last, h_last, h_first, size):
-    """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
-    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k, k1 = block(buffer, state.AT.stage, last), block(buffer, state.AT.stage, K1)
+    """Next stage of the chain, y + h_last k_last + h_first k1, into blocks.STAGED."""
+    y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k, k1 = blocks.stage(buffer, last), blocks.stage(buffer, blocks.K1)
     if h_first == 0.0:
         for i in range(0, size, 4):
             put_four(out, i, four(y, i) + h_last * four(k, i))
@@ -75,10 +72,10 @@ def chain_stage(buffer, last, h_last, h_first, size):
 
 @kernel
 def chain_end(buffer, stage, h, row, size):
-    """Solution of the chain from the rates of its last three stages, into STAGED."""
-    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k1, k2 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
-    k3 = block(buffer, state.AT.stage, stage[3])
+    """Solution of the chain from the rates of its last three stages, into blocks.STAGED."""
+    y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k1, k2 = blocks.stage(buffer, stage[1]), blocks.stage(buffer, stage[2])
+    k3 = blocks.stage(buffer, stage[3])
     h1, h2, h3 = h * CHAIN_END[row, 0], h * CHAIN_END[row, 1], h * CHAIN_END[row, 2]
     for i in range(0, size, 4):
         more = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
@@ -97,18 +94,18 @@ def chain_stages(spread):
 @kernel
 def chain_step(buffer, scene, layers, h, stages, moment):
     """Try a step of order 3 with `stages` stages; returns its error, a part of what was fed."""
-    size = rows_followed(buffer, layers)
+    size = rates.rows_followed(buffer, layers)
     row = stages - CHAIN_LEAST
-    kept = (K1, K1, K1, K1)  # blocks of the last four rates
+    kept = (blocks.K1, blocks.K1, blocks.K1, blocks.K1)  # blocks of the last four rates
     for j in range(stages - 1):
         last = CHAIN_STAGE[row, j]
         first = CHAIN_FIRST[row] if j == stages - 2 else 0.0
         chain_stage(buffer, kept[3], h * last, h * first, size)
-        kept = (kept[1], kept[2], kept[3], K2 + j % 4)
+        kept = (kept[1], kept[2], kept[3], blocks.K2 + j % 4)
         at = moment + (last + first) * h
-        column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, kept[3], at)
+        rates.column_rates(buffer, scene, blocks.STAGED, layers, kept[3], at)
     chain_end(buffer, kept, h, row, size)
-    column_rates(buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K7, moment + h)
+    rates.column_rates(buffer, scene, blocks.STAGED, layers, blocks.K7, moment + h)
     e1, e2, e3 = CHAIN_ERROR[row, 0], CHAIN_ERROR[row, 1], CHAIN_ERROR[row, 2]
     e4, e5, e6 = CHAIN_ERROR[row, 3], CHAIN_ERROR[row, 4], CHAIN_ERROR[row, 5]
-    return embedded_error(buffer, h, layers, kept, (e1, e2, e3, e4, e5, e6))
+    return explicit.embedded_error(buffer, h, layers, kept, (e1, e2, e3, e4, e5, e6))

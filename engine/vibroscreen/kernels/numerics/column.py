@@ -2,67 +2,16 @@
 
 from __future__ import annotations
 
-from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
-from vibroscreen.compiler.language import kernel, view1, view2
+from vibroscreen.compiler.fours import in_fours
+from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.physics.layer import NOTHING
-from vibroscreen.kernels.physics.packing import gap_of
-from vibroscreen.kernels.physics.passage import BOUNCE
-from vibroscreen.kernels.physics.segregation import CLASSIFIED
+from vibroscreen.kernels.numerics import blocks
+from vibroscreen.kernels.physics import layer, packing, passage, segregation
 
 # A size of which this part of the tolerance is left has passed.
 USED_UP = 1e-4
 # Proportions inside the sizes that move alike are equal up to this.
 ALIKE = 1e-12
-# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
-NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
-# Blocks of `trial` while rates are found: loads at the faces of the layers.
-LOWER, UPPER = 0, 1
-
-
-@kernel
-def active_vector(buffer, at, row):
-    """Row `row` of a field of vectors over the sizes that take part."""
-    return state.vector(buffer, at, state.extent(buffer).active, row)
-
-
-@kernel
-def active_column(buffer, at):
-    """A work column over the sizes that take part."""
-    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
-
-
-@kernel
-def block(buffer, at, index):
-    """A block as one vector: what passed, the loads of the layers, the share of the top one."""
-    rows = state.extent(buffer).layers + 2
-    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
-    return view1(buffer, start, rows * state.extent(buffer).active)
-
-
-@kernel
-def block_passed(buffer, at, index):
-    """What passed, row 0 of a block."""
-    rows = state.extent(buffer).layers + 2
-    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
-    return view1(buffer, start, state.extent(buffer).active)
-
-
-@kernel
-def block_load(buffer, at, index):
-    """Loads of a block [layer, active size]."""
-    rows = state.extent(buffer).layers + 2
-    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
-    start += state.extent(buffer).active
-    return view2(buffer, start, rows - 2, state.extent(buffer).active)
-
-
-@kernel
-def block_share(buffer, at, index, layers):
-    """Mass fractions of the top one of `layers` layers [1, active size]: the row above it."""
-    rows, nodes = state.extent(buffer).layers + 2, state.extent(buffer).active
-    start = int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
-    return view2(buffer, start + (layers + 1) * nodes, 1, nodes)
 
 
 @kernel
@@ -75,14 +24,14 @@ def first_coarse(buffer, scene, load, layers):
     nodes = size.size
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
-    known = parameter.passage_law <= BOUNCE and model <= CLASSIFIED
+    known = parameter.passage_law <= passage.BOUNCE and model <= segregation.CLASSIFIED
     if state.switches(buffer).coarse_sizes == 0.0 or not known:
         return nodes
     if state.extent(buffer).source_terms > 0.0:
         return nodes
     closed = scene.aperture
     if state.extent(buffer).layered > 0.0:
-        gap = gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
+        gap = packing.gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
         closed = max(closed, gap)
     first = nodes
     while first > 0 and size[first - 1] >= closed:
@@ -164,7 +113,7 @@ def gather(buffer, scene, load, reference, layers):
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
     state.extent(buffer).active = in_fours(taking_part)
     fill_block(buffer, load, reference, layers, coarse)
-    compact_size = active_vector(buffer, state.AT.compact, 0)
+    compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
     for n in range(taking_part, compact_size.size):
@@ -189,10 +138,10 @@ def fill_block(buffer, load, reference, layers, coarse):
     size = state.node_vector(buffer, state.AT.size, 0)
     place = state.node_vector(buffer, state.AT.place, 0)
     source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
-    compact_size = active_vector(buffer, state.AT.compact, 0)
-    weight = active_vector(buffer, state.AT.compact, 1)
+    compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
+    weight = blocks.active_vector(buffer, state.AT.compact, 1)
     landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
-    now, integral = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
+    now, integral = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
     terms = state.extent(buffer).source_terms
     rows_above = layers if terms == 0 else load.shape[0]
     for k in range((rows_above + 1) * count):
@@ -207,7 +156,7 @@ def fill_block(buffer, load, reference, layers, coarse):
             compact_size[n] = size[i]
             weight[n] += reference[i]
     for n in range(count):
-        weight[n] = 1.0 / weight[n] if weight[n] > NOTHING else 0.0
+        weight[n] = 1.0 / weight[n] if weight[n] > layer.NOTHING else 0.0
     for k in range(terms):
         for n in range(count):
             landing[k, n] = 0.0
@@ -215,7 +164,7 @@ def fill_block(buffer, load, reference, layers, coarse):
             n = int(place[i])
             if n >= 0:
                 landing[k, n] = source[k, i]
-    rows = block_load(buffer, state.AT.stage, NOW)
+    rows = blocks.stage_load(buffer, blocks.NOW)
     straight = min(coarse, places_kept(place))
     for j in range(layers):
         for i in range(straight):
@@ -236,10 +185,10 @@ def scatter(buffer, load, layers, rows, elapsed):
     nodes = load.shape[1]
     place = state.node_vector(buffer, state.AT.place, 0)
     share = state.node_vector(buffer, state.AT.share, 0)
-    now = block_load(buffer, state.AT.stage, NOW)
-    integral = block_load(buffer, state.AT.stage, INTEGRAL)
-    gone = block_passed(buffer, state.AT.stage, NOW)
-    gone_time = block_passed(buffer, state.AT.stage, INTEGRAL)
+    now = blocks.stage_load(buffer, blocks.NOW)
+    integral = blocks.stage_load(buffer, blocks.INTEGRAL)
+    gone = blocks.stage_passed(buffer, blocks.NOW)
+    gone_time = blocks.stage_passed(buffer, blocks.INTEGRAL)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
     passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
     time = state.column(buffer, state.AT.column_time, 0)
@@ -274,8 +223,8 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     """
     nodes = state.extent(buffer).active
     place = state.node_vector(buffer, state.AT.place, 0)
-    missing = active_vector(buffer, state.AT.node_work, 1)
-    values = block(buffer, state.AT.stage, NOW)
+    missing = blocks.active_vector(buffer, state.AT.node_work, 1)
+    values = blocks.stage(buffer, blocks.NOW)
     for n in range(nodes):
         missing[n] = 0.0
     straight = places_kept(place)
@@ -311,21 +260,3 @@ def mean_landing(source, i, terms, h, moment):
         return source[0, i]
     middle = moment + 0.5 * h
     return source[0, i] + middle * source[1, i] + (middle * middle + h * h / 12.0) * source[2, i]
-
-
-@kernel
-def worst_of(error, weight):
-    """Largest product of two vectors over the sizes that take part, not below 0."""
-    worst = all_four(0.0)
-    for i in range(0, error.size, 4):
-        worst = larger(worst, four(error, i) * four(weight, i))
-    return largest(worst)
-
-
-@kernel
-def largest_of(values, row):
-    """Largest number of a row over the sizes that take part, not below 0."""
-    most = all_four(0.0)
-    for i in range(0, values.shape[1], 4):
-        most = larger(most, four_in(values, row, i))
-    return largest(most)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from vibroscreen.compiler.fours import all_four, apart, four, larger, largest, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import INTEGRAL, K1, K7, NOW, STAGED, active_vector, block
+from vibroscreen.kernels.numerics import blocks
 from vibroscreen.kernels.numerics.rates import rows_followed
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
 PAIR, CHAIN = range(2)
-# Block of `trial`: errors of a step; between steps the column or its time integral over a part.
-OF_PART = 2
 # The explicit pair is stable up to this step times the fastest rate.
 STABLE = 3.2
 # Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
@@ -22,10 +20,10 @@ D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29
 @kernel
 def embedded_error(buffer, h, layers, stage, weight):
     """Error of a step: h times the weighted sum of the rates in K1, in `stage`, and in K7."""
-    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, stage[0])
-    k3, k4 = block(buffer, state.AT.stage, stage[1]), block(buffer, state.AT.stage, stage[2])
-    k5, k6 = block(buffer, state.AT.stage, stage[3]), block(buffer, state.AT.stage, K7)
-    out = block(buffer, state.AT.trial, OF_PART)
+    k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, stage[0])
+    k3, k4 = blocks.stage(buffer, stage[1]), blocks.stage(buffer, stage[2])
+    k5, k6 = blocks.stage(buffer, stage[3]), blocks.stage(buffer, blocks.K7)
+    out = blocks.trial(buffer, blocks.OF_PART)
     h1, h2, h3 = h * weight[0], h * weight[1], h * weight[2]
     h4, h5, h6 = h * weight[3], h * weight[4], h * weight[5]
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
@@ -42,7 +40,10 @@ def worst_error(buffer, layers):
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
     nodes = state.extent(buffer).active
-    weight, out = active_vector(buffer, state.AT.compact, 1), block(buffer, state.AT.trial, OF_PART)
+    weight, out = (
+        blocks.active_vector(buffer, state.AT.compact, 1),
+        blocks.trial(buffer, blocks.OF_PART),
+    )
     face, worst = 2.0 / layers, all_four(0.0)
     for i in range(0, nodes, 4):
         moved = four(out, i)
@@ -57,14 +58,14 @@ def worst_error(buffer, layers):
 @kernel
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
-    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
+    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
     debts = all_four(0.0)
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         value = four(new, i)
         put_four(y, i, value)
         debts = larger(debts, 0.0 - value)
     if last_rates:
-        k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
+        k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
         for i in range(0, rows_followed(buffer, layers), 4):
             put_four(k1, i, four(k7, i))
     return largest(debts) == 0.0
@@ -73,9 +74,9 @@ def take_explicit(buffer, layers, last_rates):
 @kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
-    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
-    out = block(buffer, state.AT.trial, OF_PART)
+    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    out = blocks.trial(buffer, blocks.OF_PART)
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         rates = 0.4 * h * (four(k1, i) + four(k7, i))
         put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)
@@ -85,9 +86,9 @@ def third_order_error(buffer, h, layers):
 @kernel
 def integrate_ends(buffer, h, size):
     """Add the time integral of a step of the chain (Hermite)."""
-    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
-    total = block(buffer, state.AT.stage, INTEGRAL)
+    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    total = blocks.stage(buffer, blocks.INTEGRAL)
     half, twelfth = 0.5 * h, h * h / 12.0
     for i in range(0, size, 4):
         one = half * (four(y, i) + four(new, i)) + twelfth * (four(k1, i) - four(k7, i))

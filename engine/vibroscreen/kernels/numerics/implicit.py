@@ -7,18 +7,9 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import (
-    INTEGRAL,
-    NOW,
-    active_column,
-    active_vector,
-    block,
-    block_load,
-    block_passed,
-    mean_landing,
-)
+from vibroscreen.kernels.numerics import blocks, rates
+from vibroscreen.kernels.numerics.column import mean_landing
 from vibroscreen.kernels.numerics.layers import bed_load, cover_of, layers_for, restack
-from vibroscreen.kernels.numerics.rates import passage_factors
 from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
 
 
@@ -61,21 +52,23 @@ def basic_step(buffer, scene, k, layers, h, moment):
     Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
     layers after it.
     """
-    load = block_load(buffer, state.AT.trial, 2 * k)
-    passed = block_passed(buffer, state.AT.trial, 2 * k)
-    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
-    rate = active_vector(buffer, state.AT.node_work, 0)
-    contact = active_vector(buffer, state.AT.node_work, 1)
-    stay = active_vector(buffer, state.AT.node_work, 3)
-    down = active_column(buffer, state.AT.percolation)
+    load = blocks.trial_load(buffer, 2 * k)
+    passed = blocks.trial_passed(buffer, 2 * k)
+    column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
+    rate = blocks.active_vector(buffer, state.AT.node_work, 0)
+    contact = blocks.active_vector(buffer, state.AT.node_work, 1)
+    stay = blocks.active_vector(buffer, state.AT.node_work, 3)
+    down = blocks.active_column(buffer, state.AT.percolation)
     up = state.vector(buffer, state.AT.upward, state.extent(buffer).layers, 0)
     nodes = rate.size
     cover = cover_of(scene, layer_mass(load, 0))
-    pace = passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
+    pace = rates.passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
     upward_rates(load, down, layers, up)
-    implicit_step(load, rate, down, up, active_column(buffer, state.AT.scratch), stay, layers, h)
+    implicit_step(
+        load, rate, down, up, blocks.active_column(buffer, state.AT.scratch), stay, layers, h
+    )
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
     terms = state.extent(buffer).source_terms
@@ -91,15 +84,15 @@ def basic_step(buffer, scene, k, layers, h, moment):
 
 @kernel
 def run_trial(buffer, scene, k, layers, rows, h, moment):
-    """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
-    now = block(buffer, state.AT.stage, NOW)
-    column, time = block(buffer, state.AT.trial, 2 * k), block(buffer, state.AT.trial, 2 * k + 1)
+    """k + 1 basic steps over h from blocks.NOW into trial k, which uses at most `rows` layers."""
+    now = blocks.stage(buffer, blocks.NOW)
+    column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
     nodes = state.extent(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
         column[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
         time[i] = 0.0
-    layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
+    layers_for(buffer, scene, bed_load(blocks.stage_load(buffer, blocks.NOW), layers))
     part = h / (k + 1)
     for n in range(k + 1):
         layers = basic_step(buffer, scene, k, layers, part, moment + n * part)
@@ -129,8 +122,8 @@ def extrapolate(buffer, k, rows):
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
-            better = block(buffer, state.AT.trial, 2 * (k - level + 1) + part)
-            coarse = block(buffer, state.AT.trial, 2 * (k - level) + part)
+            better = blocks.trial(buffer, 2 * (k - level + 1) + part)
+            coarse = blocks.trial(buffer, 2 * (k - level) + part)
             for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
@@ -138,10 +131,10 @@ def extrapolate(buffer, k, rows):
 @kernel
 def step_error(buffer, rows):
     """Largest difference of the two best extrapolations as a part of what was fed of a size."""
-    flux = block_passed(buffer, state.AT.trial, 0)
-    coarse_flux = block_passed(buffer, state.AT.trial, 2)
-    load, coarse_load = block_load(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 2)
-    weight = active_vector(buffer, state.AT.compact, 1)
+    flux = blocks.trial_passed(buffer, 0)
+    coarse_flux = blocks.trial_passed(buffer, 2)
+    load, coarse_load = blocks.trial_load(buffer, 0), blocks.trial_load(buffer, 2)
+    weight = blocks.active_vector(buffer, state.AT.compact, 1)
     worst = 0.0
     for i in range(weight.size):
         moved = 0.0
@@ -177,13 +170,13 @@ def carry_debts(flux, load, rows):
 @kernel
 def pay_integral(buffer, rows):
     """Pay the debts of the time integrals, if there are any."""
-    total = block(buffer, state.AT.stage, INTEGRAL)
+    total = blocks.stage(buffer, blocks.INTEGRAL)
     debts = 0
     for i in range((rows + 1) * state.extent(buffer).active):
         debts += 1 if total[i] < 0.0 else 0
     if debts > 0:
-        gone = block_passed(buffer, state.AT.stage, INTEGRAL)
-        load = block_load(buffer, state.AT.stage, INTEGRAL)
+        gone = blocks.stage_passed(buffer, blocks.INTEGRAL)
+        load = blocks.stage_load(buffer, blocks.INTEGRAL)
         carry_debts(gone, load, rows)
 
 
@@ -191,19 +184,15 @@ def pay_integral(buffer, rows):
 def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
     size = (rows + 1) * state.extent(buffer).active
-    now, total = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
-    best, time = block(buffer, state.AT.trial, 0), block(buffer, state.AT.trial, 1)
+    now, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
+    best, time = blocks.trial(buffer, 0), blocks.trial(buffer, 1)
     gone = state.extent(buffer).active
-    carry_debts(
-        block_passed(buffer, state.AT.trial, 0), block_load(buffer, state.AT.trial, 0), rows
-    )
-    carry_debts(
-        block_passed(buffer, state.AT.trial, 1), block_load(buffer, state.AT.trial, 1), rows
-    )
+    carry_debts(blocks.trial_passed(buffer, 0), blocks.trial_load(buffer, 0), rows)
+    carry_debts(blocks.trial_passed(buffer, 1), blocks.trial_load(buffer, 1), rows)
     for i in range(gone):
         total[i] += h * now[i] + time[i]
         now[i] += best[i]
     for i in range(gone, size):
         total[i] += time[i]
         now[i] = best[i]
-    return restack(buffer, scene, block_load(buffer, state.AT.stage, NOW), rows)
+    return restack(buffer, scene, blocks.stage_load(buffer, blocks.NOW), rows)

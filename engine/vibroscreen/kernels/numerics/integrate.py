@@ -5,37 +5,18 @@ from __future__ import annotations
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.knots import record_knot
-from vibroscreen.kernels.numerics.column import (
-    INTEGRAL,
-    K1,
-    K2,
-    NOW,
-    block,
-    block_load,
-    block_passed,
-    close_sizes,
-    gather,
-    scatter,
-)
-from vibroscreen.kernels.numerics.explicit import take_explicit
-from vibroscreen.kernels.numerics.implicit import carry_debts, pay_integral, take_implicit
-from vibroscreen.kernels.numerics.kinks import (
-    LANDING,
-    mass_to_kink,
-    settle_top,
-    time_to_pass,
-    top_growth,
+from vibroscreen.kernels.numerics import (
+    blocks,
+    column,
+    explicit,
+    implicit,
+    kinks,
+    parts,
+    rates,
+    step_control,
+    within,
 )
 from vibroscreen.kernels.numerics.layers import bed_load, layers_for, restack
-from vibroscreen.kernels.numerics.parts import add_integral_to_part, add_step_to_parts, time_in_part
-from vibroscreen.kernels.numerics.rates import (
-    column_rates,
-    fastest_rate,
-    keep_top_share,
-    reconstructed,
-)
-from vibroscreen.kernels.numerics.step_control import explicit_length, implicit_length
-from vibroscreen.kernels.numerics.within import land_in_step, sum_step
 from vibroscreen.kernels.physics.layer import layer_mass
 
 # Steps below this part of the horizon are taken whatever the estimate says (counted).
@@ -77,15 +58,15 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     step.duration, step.left = duration, duration
     step.shortest = SHORTEST * max(duration, scene.horizon)
     while step.left > 0.0:
-        gather(buffer, scene, load, reference, layers)
-        layers_for(buffer, scene, bed_load(block_load(buffer, state.AT.stage, NOW), layers))
+        column.gather(buffer, scene, load, reference, layers)
+        layers_for(buffer, scene, bed_load(blocks.stage_load(buffer, blocks.NOW), layers))
         before, rows = step.left, layers
         layers = advance_block(buffer, scene, book, step, layers)
-        close_sizes(buffer, load, rows, layers, duration - before, before - step.left)
+        column.close_sizes(buffer, load, rows, layers, duration - before, before - step.left)
         rows = max(rows, book.rows)
         used = max(used, rows)
-        pay_integral(buffer, rows)
-        scatter(buffer, load, layers, rows, before - step.left)
+        implicit.pay_integral(buffer, rows)
+        column.scatter(buffer, load, layers, rows, before - step.left)
     book.rows = used
     return layers
 
@@ -114,9 +95,9 @@ def advance_block(buffer, scene, book, step, layers):
 
 @kernel
 def rates_now(buffer, scene, layers, moment):
-    """Rates of the block NOW into K1."""
-    keep_top_share(buffer, layers)
-    column_rates(buffer, scene, state.AT.stage, NOW, layers, state.AT.stage, K1, moment)
+    """Rates of the block NOW into blocks.K1."""
+    rates.keep_top_share(buffer, layers)
+    rates.column_rates(buffer, scene, blocks.NOW, layers, blocks.K1, moment)
 
 
 @kernel
@@ -126,7 +107,7 @@ def look_ahead(buffer, scene, step, layers):
     if step.fresh == 0:
         rates_now(buffer, scene, layers, moment)
     for attempt in range(2):
-        settled = settle_top(buffer, scene, layers, top_growth(buffer, layers))
+        settled = kinks.settle_top(buffer, scene, layers, kinks.top_growth(buffer, layers))
         if settled == layers or (attempt == 1 and settled > layers):
             break
         layers = settled
@@ -135,14 +116,14 @@ def look_ahead(buffer, scene, step, layers):
         step.before, step.length = 0.0, 0.0
     if state.extent(buffer).recorded > 0:
         note_passage(buffer, scene, moment)
-    growth, before, h = top_growth(buffer, layers), step.before, step.length
+    growth, before, h = kinks.top_growth(buffer, layers), step.before, step.length
     slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
-    load = block_load(buffer, state.AT.stage, NOW)
-    step.growth, step.distance = growth, mass_to_kink(buffer, scene, load, layers, growth)
+    load = blocks.stage_load(buffer, blocks.NOW)
+    step.growth, step.distance = growth, kinks.mass_to_kink(buffer, scene, load, layers, growth)
     step.kink = -1.0
     if step.distance > 0.0:
-        step.kink = time_to_pass(step.distance, abs(growth), slope)
-    step.fastest = fastest_rate(buffer, scene, layers)
+        step.kink = kinks.time_to_pass(step.distance, abs(growth), slope)
+    step.fastest = rates.fastest_rate(buffer, scene, layers)
     return layers
 
 
@@ -153,49 +134,49 @@ def is_explicit(buffer, scene, step, layers):
     With a linear reconstruction all steps are explicit, but where the bed is deeper than its
     layers: there the implicit scheme has every layer mixed evenly.
     """
-    load = block_load(buffer, state.AT.stage, NOW)
+    load = blocks.stage_load(buffer, blocks.NOW)
     # A full bed that only round-off makes grow is not deep.
-    least = LANDING * scene.layer_full / step.left
+    least = kinks.LANDING * scene.layer_full / step.left
     full = layers == load.shape[0] and state.extent(buffer).layered > 0
     if scene.layer_full > scene.layer_load or (full and step.growth > least):
         return False
     stiff = state.switches(buffer).explicit == 0.0 or step.fastest * step.left >= STIFF
-    return reconstructed(buffer) or not stiff
+    return rates.reconstructed(buffer) or not stiff
 
 
 @kernel
 def advance_explicit(buffer, scene, book, step, layers):
     """Take a step of an explicit scheme; returns the number of layers after it."""
     moment = step.duration - step.left
-    explicit_length(buffer, scene, book, step, layers)
+    step_control.explicit_length(buffer, scene, book, step, layers)
     h, scheme, landed = step.length, step.scheme, step.landed
     state.counters(buffer).column_steps += 1
     step.before = step.growth
     if state.extent(buffer).part < state.extent(buffer).parts:
-        add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
+        parts.add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
     ended = landed == 1.0  # with its last rates at its end
     if landed < 1.0:
-        land_in_step(buffer, layers, h, landed, scheme)
+        within.land_in_step(buffer, layers, h, landed, scheme)
         step.length = h * landed
     else:
-        sum_step(buffer, layers, h, scheme)
-    paid = take_explicit(buffer, layers, ended)
+        within.sum_step(buffer, layers, h, scheme)
+    paid = explicit.take_explicit(buffer, layers, ended)
     if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
-        layers = settle_top(buffer, scene, layers, step.growth)
+        layers = kinks.settle_top(buffer, scene, layers, step.growth)
         step.most = max(step.most, layers)
         step.before = 0.0
     if not paid:
-        load = block_load(buffer, state.AT.stage, NOW)
+        load = blocks.stage_load(buffer, blocks.NOW)
         past = layer_mass(load, layers - 1) < 0.0
-        carry_debts(block_passed(buffer, state.AT.stage, NOW), load, layers)
+        implicit.carry_debts(blocks.stage_passed(buffer, blocks.NOW), load, layers)
         # Faces have debts in any layer: those that paid are filled.
-        if reconstructed(buffer) or past:
+        if rates.reconstructed(buffer) or past:
             layers = restack(buffer, scene, load, layers)
             step.most = max(step.most, layers)
         if past:
             step.before = 0.0
     step.fresh = 1 if ended and paid else 0
-    keep_top_share(buffer, layers)
+    rates.keep_top_share(buffer, layers)
     return layers
 
 
@@ -205,17 +186,17 @@ def advance_implicit(buffer, scene, book, step, layers):
     moment, until = step.duration - step.left, step.left
     extent = state.extent(buffer)
     if extent.part < extent.parts:
-        until = time_in_part(buffer, moment, step.left)
-        before_sum = block(buffer, state.AT.stage, K2)
-        sums = block(buffer, state.AT.stage, INTEGRAL)
+        until = parts.time_in_part(buffer, moment, step.left)
+        before_sum = blocks.stage(buffer, blocks.K2)
+        sums = blocks.stage(buffer, blocks.INTEGRAL)
         for i in range(sums.size):
             before_sum[i] = sums[i]
-    step.length = implicit_length(buffer, scene, book, step, layers, until)
+    step.length = step_control.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
-    layers = take_implicit(buffer, scene, rows, step.length)
+    layers = implicit.take_implicit(buffer, scene, rows, step.length)
     if extent.part < extent.parts:
-        add_integral_to_part(buffer, rows, step.length, moment)
+        parts.add_integral_to_part(buffer, rows, step.length, moment)
     step.most = max(step.most, rows)
     if scene.layer_full > scene.layer_load:
         book.capacity_alarm = 1.0
@@ -231,7 +212,7 @@ def note_passage(buffer, scene, moment):
     passed = state.node_vector(buffer, state.AT.record, 0)
     passing = state.node_vector(buffer, state.AT.record, 1)
     before = state.node_vector(buffer, state.AT.column_flux, 0)
-    now, rate = block_passed(buffer, state.AT.stage, NOW), block_passed(buffer, state.AT.stage, K1)
+    now, rate = blocks.stage_passed(buffer, blocks.NOW), blocks.stage_passed(buffer, blocks.K1)
     for i in range(passed.size):
         n = int(place[i])
         passed[i] = before[i]

@@ -6,14 +6,7 @@ from math import sqrt
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import (
-    K1,
-    NOW,
-    active_vector,
-    block_load,
-    block_share,
-    worst_of,
-)
+from vibroscreen.kernels.numerics import blocks
 from vibroscreen.kernels.physics.layer import layer_mass
 
 # A step that ends where a layer runs out (or is filled) may miss it by this part of a full one.
@@ -83,11 +76,11 @@ def misplaced(buffer, scene, layers, now, rate, over):
     refilled. Both grow with what is drawn too much, so their integral does with its square. The
     same for every layer that runs out, down to the contact layer, which may not.
     """
-    load, change = block_load(buffer, state.AT.stage, now), block_load(buffer, state.AT.stage, rate)
-    share = block_share(buffer, state.AT.stage, now, layers)
-    weight = active_vector(buffer, state.AT.compact, 1)
-    error = active_vector(buffer, state.AT.node_work, 1)
-    flux = active_vector(buffer, state.AT.node_work, 2)
+    load, change = blocks.stage_load(buffer, now), blocks.stage_load(buffer, rate)
+    share = blocks.stage_share(buffer, now, layers)
+    weight = blocks.active_vector(buffer, state.AT.compact, 1)
+    error = blocks.active_vector(buffer, state.AT.node_work, 1)
+    flux = blocks.active_vector(buffer, state.AT.node_work, 2)
     full = scene.layer_full
     row = layers - 1
     lost = -layer_mass(change, row)
@@ -103,7 +96,7 @@ def misplaced(buffer, scene, layers, now, rate, over):
             refill = lost * share[0, i] if row == layers - 2 else settling * load[row + 1, i]
             flux[i] -= change[row, i]  # all that goes down from this layer
             error[i] += scale * abs(flux[i] + refill - 2.0 * settling * load[row, i])
-    return 2.0 / layers * worst_of(error, weight) if over <= 0.0 else 1e300
+    return 2.0 / layers * blocks.worst_of(error, weight) if over <= 0.0 else 1e300
 
 
 @kernel
@@ -113,7 +106,7 @@ def over_allowed(buffer, scene, book, layers, h, growth):
     drawn = -growth * h
     over = min(drawn, (layers - 2) * scene.layer_full)
     while over > WORTH * drawn:
-        error = misplaced(buffer, scene, layers, NOW, K1, over)
+        error = misplaced(buffer, scene, layers, blocks.NOW, blocks.K1, over)
         if error <= allowed:
             return over
         over *= 0.9 * sqrt(allowed / error)
@@ -123,7 +116,7 @@ def over_allowed(buffer, scene, book, layers, h, growth):
 @kernel
 def settle_top(buffer, scene, layers, growth):
     """Close a top layer that has run out, open one above a full one; returns the layers."""
-    load = block_load(buffer, state.AT.stage, NOW)
+    load = blocks.stage_load(buffer, blocks.NOW)
     nodes = load.shape[1]
     full = scene.layer_full if layers > 1 else scene.contact_load
     mass = layer_mass(load, layers - 1)
@@ -142,5 +135,5 @@ def settle_top(buffer, scene, layers, growth):
 
 @kernel
 def top_growth(buffer, layers):
-    """What the top layer gains, kg/(m2 s), by the rates in K1."""
-    return layer_mass(block_load(buffer, state.AT.stage, K1), layers - 1)
+    """What the top layer gains, kg/(m2 s), by the rates in blocks.K1."""
+    return layer_mass(blocks.stage_load(buffer, blocks.K1), layers - 1)

@@ -6,10 +6,7 @@ import numpy as np
 
 from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import INTEGRAL, K1, K2, K3, K4, K5, K6, NOW, STAGED, block
-from vibroscreen.kernels.numerics.explicit import embedded_error
-from vibroscreen.kernels.numerics.rates import column_rates, rows_followed
+from vibroscreen.kernels.numerics import blocks, explicit, rates
 
 # Dormand and Prince (J. Comput. Appl. Math. 6 (1980) 19).
 A = np.array(
@@ -31,11 +28,11 @@ I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
 
 @kernel
 def stage_value(buffer, stage, h, size):
-    """Column at a stage 2 to 7 into STAGED; that of stage 7 is the solution of order 5."""
-    y, out = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K2)
-    k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
-    k5, k6 = block(buffer, state.AT.stage, K5), block(buffer, state.AT.stage, K6)
+    """Column at a stage 2 to 7 into blocks.STAGED; that of stage 7 is the solution of order 5."""
+    y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K2)
+    k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
+    k5, k6 = blocks.stage(buffer, blocks.K5), blocks.stage(buffer, blocks.K6)
     row = stage - 2
     a1, a2, a3 = h * A[row, 0], h * A[row, 1], h * A[row, 2]
     a4, a5, a6 = h * A[row, 3], h * A[row, 4], h * A[row, 5]
@@ -66,10 +63,10 @@ def stage_value(buffer, stage, h, size):
 @kernel
 def integrate_stages(buffer, h, size):
     """Add the time integral of a step of the pair, from its stages."""
-    y, total = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, INTEGRAL)
-    k1, k2 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K2)
-    k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
-    k5 = block(buffer, state.AT.stage, K5)
+    y, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
+    k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K2)
+    k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
+    k5 = blocks.stage(buffer, blocks.K5)
     g1, g2, g3, g4, g5 = h * h * I1, h * h * I2, h * h * I3, h * h * I4, h * h * I5
     for i in range(0, size, 4):
         one = g1 * four(k1, i) + g2 * four(k2, i) + g3 * four(k3, i) + g4 * four(k4, i)
@@ -80,11 +77,11 @@ def integrate_stages(buffer, h, size):
 @kernel
 def pair_step(buffer, scene, layers, h, moment):
     """Try a step of the explicit pair of order 5; returns its error, a part of what was fed."""
-    size = rows_followed(buffer, layers)
+    size = rates.rows_followed(buffer, layers)
     for stage in range(2, 8):
         stage_value(buffer, stage, h, size)
         at = moment + C[stage - 2] * h
-        column_rates(
-            buffer, scene, state.AT.stage, STAGED, layers, state.AT.stage, K1 + stage - 1, at
-        )
-    return embedded_error(buffer, h, layers, (K3, K4, K5, K6), (E1, E3, E4, E5, E6, E7))
+        rates.column_rates(buffer, scene, blocks.STAGED, layers, blocks.K1 + stage - 1, at)
+    return explicit.embedded_error(
+        buffer, h, layers, (blocks.K3, blocks.K4, blocks.K5, blocks.K6), (E1, E3, E4, E5, E6, E7)
+    )

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import (
-    INTEGRAL,
-    K2,
-    block,
-    block_load,
-    block_passed,
-    places_kept,
-)
-from vibroscreen.kernels.numerics.explicit import OF_PART
-from vibroscreen.kernels.numerics.implicit import carry_debts
-from vibroscreen.kernels.numerics.within import integral_in_step
+from vibroscreen.kernels.numerics import blocks, column, implicit, within
 from vibroscreen.kernels.physics.layer import layer_mass
 
 
@@ -49,10 +39,10 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
         end = ends[state.extent(buffer).part]
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
-            integral_in_step(buffer, layers, h, a, b, scheme)
-            held = block_load(buffer, state.AT.trial, OF_PART)
+            within.integral_in_step(buffer, layers, h, a, b, scheme)
+            held = blocks.trial_load(buffer, blocks.OF_PART)
             if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
-                carry_debts(block_passed(buffer, state.AT.trial, OF_PART), held, layers)
+                implicit.carry_debts(blocks.trial_passed(buffer, blocks.OF_PART), held, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return
@@ -65,8 +55,8 @@ def add_integral_to_part(buffer, rows, h, moment):
     """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
     if moment < state.extent(buffer).parts_from:
         return
-    before, total = block(buffer, state.AT.stage, K2), block(buffer, state.AT.stage, INTEGRAL)
-    out = block(buffer, state.AT.trial, OF_PART)
+    before, total = blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL)
+    out = blocks.trial(buffer, blocks.OF_PART)
     for i in range((rows + 1) * state.extent(buffer).active):
         out[i] = total[i] - before[i]
     give_to_part(buffer, rows, h)
@@ -88,9 +78,9 @@ def give_to_part(buffer, rows, duration):
     place = state.node_vector(buffer, state.AT.place, 0)
     share = state.node_vector(buffer, state.AT.share, 0)
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
-    gone = block_passed(buffer, state.AT.trial, OF_PART)
-    held = block_load(buffer, state.AT.trial, OF_PART)
-    straight = places_kept(place)
+    gone = blocks.trial_passed(buffer, blocks.OF_PART)
+    held = blocks.trial_load(buffer, blocks.OF_PART)
+    straight = column.places_kept(place)
     for i in range(straight):
         passed[i] += duration * flux[i] + share[i] * gone[i]
     for i in range(straight, nodes):

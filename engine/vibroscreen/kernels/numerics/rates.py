@@ -19,21 +19,9 @@ from vibroscreen.compiler.fours import (
 )
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import (
-    LOWER,
-    NOW,
-    UPPER,
-    active_column,
-    active_vector,
-    block_load,
-    block_passed,
-    block_share,
-    largest_of,
-)
+from vibroscreen.kernels.numerics import blocks
 from vibroscreen.kernels.numerics.layers import cover_of
-from vibroscreen.kernels.physics.layer import NOTHING, layer_mass, weighted_mass
-from vibroscreen.kernels.physics.passage import passage_probability
-from vibroscreen.kernels.physics.segregation import segregate
+from vibroscreen.kernels.physics import layer, passage, segregation
 
 # A top layer below this part of a full one is no reason to cut an implicit step.
 THIN = 1e-3
@@ -50,9 +38,9 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     row 0 holds, as F_0i = contact_i load_0i.
     """
     parameter = state.parameters(buffer)
-    size = active_vector(buffer, state.AT.compact, 0)
-    fraction = active_vector(buffer, state.AT.node_work, 2)
-    segregate(
+    size = blocks.active_vector(buffer, state.AT.compact, 0)
+    fraction = blocks.active_vector(buffer, state.AT.node_work, 2)
+    segregation.segregate(
         parameter.segregation_model,
         state.extent(buffer).segregation_address,
         size,
@@ -60,13 +48,15 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
         layers,
         scene,
         contact,
-        active_column(buffer, state.AT.percolation),
+        blocks.active_column(buffer, state.AT.percolation),
     )
     for i in range(0, size.size, 4):
         put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
     scene.cover = cover
     law = parameter.passage_law
-    passage_probability(law, state.extent(buffer).passage_address, size, fraction, scene, factor)
+    passage.passage_probability(
+        law, state.extent(buffer).passage_address, size, fraction, scene, factor
+    )
     return scene.density * scene.passage_velocity * cover
 
 
@@ -100,7 +90,7 @@ def slope_factor(load, row, below, mass, above, share):
 @kernel
 def faces(buffer):
     """Loads at the lower and at the upper faces of the layers, by `reconstruct`."""
-    return block_load(buffer, state.AT.trial, LOWER), block_load(buffer, state.AT.trial, UPPER)
+    return blocks.trial_load(buffer, blocks.LOWER), blocks.trial_load(buffer, blocks.UPPER)
 
 
 @kernel
@@ -115,11 +105,11 @@ def reconstruct(buffer, load, layers):
     for i in range(nodes):
         lower[0, i] = upper[0, i] = load[0, i]
         lower[layers - 1, i] = upper[layers - 1, i] = load[layers - 1, i]
-    below, mass = layer_mass(load, 0), layer_mass(load, 1)
+    below, mass = layer.layer_mass(load, 0), layer.layer_mass(load, 1)
     for j in range(1, layers - 1):
-        above = layer_mass(load, j + 1)
+        above = layer.layer_mass(load, j + 1)
         theta = 0.0
-        if min(below, mass, above) > NOTHING:
+        if min(below, mass, above) > layer.NOTHING:
             share = 2.0 * mass / (below + 2.0 * mass + above)
             theta = 0.5 * mass * share * slope_factor(load, j, below, mass, above, share)
         a, c = (theta / below, theta / above) if theta > 0.0 else (0.0, 0.0)
@@ -154,7 +144,7 @@ def pass_through(load, contact, pace, weight, passing, change):
 
 
 @kernel
-def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
+def column_rates(buffer, scene, now, layers, rate, moment):
     """Rates of change of a column, from block `now` into block `rate`, kg/(m2 s).
 
     Passage out of row 0, percolation with its return flow, settling (what passes is refilled from
@@ -165,13 +155,13 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     composition is followed beside the masses as x' = -percolation x + return flow, in the row above
     them; where something lands, a thin top layer has that of the start of the step.
     """
-    load, change = block_load(buffer, at_now, now), block_load(buffer, at_rate, rate)
-    passing = block_passed(buffer, at_rate, rate)
-    weight = active_vector(buffer, state.AT.node_work, 0)
-    contact = active_vector(buffer, state.AT.node_work, 1)
-    percolation = active_column(buffer, state.AT.percolation)
+    load, change = blocks.stage_load(buffer, now), blocks.stage_load(buffer, rate)
+    passing = blocks.stage_passed(buffer, rate)
+    weight = blocks.active_vector(buffer, state.AT.node_work, 0)
+    contact = blocks.active_vector(buffer, state.AT.node_work, 1)
+    percolation = blocks.active_column(buffer, state.AT.percolation)
     nodes = passing.size
-    top = layer_mass(load, layers - 1)
+    top = layer.layer_mass(load, layers - 1)
     upper = (layers - 2) * scene.layer_full
     scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
     lower, upper = load, load
@@ -186,16 +176,16 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
     settling = lost / scene.layer_full
     for j in range(1, layers):
         if j < layers - 1 or (not falling and top > THIN * scene.layer_full):
-            upward = weighted_mass(lower, j, percolation, j) / full
+            upward = layer.weighted_mass(lower, j, percolation, j) / full
             refill = settling if j < layers - 1 else lost / top
             for i in range(0, nodes, 4):
                 flux = (four_in(percolation, j, i) + refill) * four_in(lower, j, i)
                 flux -= upward * four_in(upper, j - 1, i)
                 hand_down(change, j, i, flux)
         elif falling:
-            share = block_share(buffer, at_now, now, layers)
-            share_change = block_share(buffer, at_rate, rate, layers)
-            upward = weighted_mass(share, 0, percolation, j) / full
+            share = blocks.stage_share(buffer, now, layers)
+            share_change = blocks.stage_share(buffer, rate, layers)
+            upward = layer.weighted_mass(share, 0, percolation, j) / full
             for i in range(0, nodes, 4):
                 part = four_in(share, 0, i)
                 gain = upward * four_in(upper, j - 1, i) - four_in(percolation, j, i) * part
@@ -203,8 +193,8 @@ def column_rates(buffer, scene, at_now, now, layers, at_rate, rate, moment):
                 flux = lost * part - top * gain
                 hand_down(change, j, i, flux)
         else:
-            share = block_share(buffer, state.AT.stage, NOW, layers)
-            upward = weighted_mass(lower, j, percolation, j) / full
+            share = blocks.stage_share(buffer, blocks.NOW, layers)
+            upward = layer.weighted_mass(lower, j, percolation, j) / full
             for i in range(0, nodes, 4):
                 flux = four_in(percolation, j, i) * four_in(lower, j, i)
                 flux -= upward * four_in(upper, j - 1, i)
@@ -246,13 +236,13 @@ def land(buffer, change, row, moment):
 @kernel
 def keep_top_share(buffer, layers):
     """Composition of the top layer at the start of a step."""
-    share = block_share(buffer, state.AT.stage, NOW, layers)
-    load = block_load(buffer, state.AT.stage, NOW)
-    top = layer_mass(load, layers - 1)
+    share = blocks.stage_share(buffer, blocks.NOW, layers)
+    load = blocks.stage_load(buffer, blocks.NOW)
+    top = layer.layer_mass(load, layers - 1)
     below = max(0, layers - 2)
     row = layers - 1 if top > 0.0 else below
-    mass = top if top > 0.0 else layer_mass(load, below)
-    scale = 1.0 / mass if mass > NOTHING else 0.0
+    mass = top if top > 0.0 else layer.layer_mass(load, below)
+    scale = 1.0 / mass if mass > layer.NOTHING else 0.0
     for i in range(share.shape[1]):
         share[0, i] = scale * load[row, i]
 
@@ -261,13 +251,13 @@ def keep_top_share(buffer, layers):
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     nodes = state.extent(buffer).active
-    fastest = largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
-    percolation = active_column(buffer, state.AT.percolation)
+    fastest = blocks.largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
+    percolation = blocks.active_column(buffer, state.AT.percolation)
     if fastest == 0.0 and state.extent(buffer).source_terms > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
         pace = scene.density * scene.passage_velocity / scene.contact_load
         fastest = pace * scene.open_area * (1.0 + scene.open_area)
     exchange = 0.0
     for j in range(1, layers):
-        exchange = max(exchange, largest_of(percolation, j))
+        exchange = max(exchange, blocks.largest_of(percolation, j))
     return max(fastest + exchange, 3.0 * exchange)

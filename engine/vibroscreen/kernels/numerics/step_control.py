@@ -6,17 +6,8 @@ from math import ceil, sqrt
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.chain import (
-    CHAIN_LEAST,
-    CHAIN_MOST,
-    CHAIN_STABLE,
-    chain_stages,
-    chain_step,
-)
-from vibroscreen.kernels.numerics.column import K7, NOW, STAGED, block_load
+from vibroscreen.kernels.numerics import blocks, chain, explicit, implicit, pair, rates, within
 from vibroscreen.kernels.numerics.elementary import raised
-from vibroscreen.kernels.numerics.explicit import CHAIN, PAIR, STABLE, third_order_error
-from vibroscreen.kernels.numerics.implicit import extrapolate, rows_in_use, run_trial, step_error
 from vibroscreen.kernels.numerics.kinks import (
     FORETOLD,
     OVER_MARGIN,
@@ -25,11 +16,7 @@ from vibroscreen.kernels.numerics.kinks import (
     miss_of,
     over_allowed,
 )
-from vibroscreen.kernels.numerics.pair import pair_step
-from vibroscreen.kernels.numerics.rates import follows_share, reconstructed
-from vibroscreen.kernels.numerics.within import part_to_kink
-from vibroscreen.kernels.physics.layer import layer_mass
-from vibroscreen.kernels.physics.segregation import CLASSIFIED, PROPORTIONAL
+from vibroscreen.kernels.physics import layer, segregation
 
 # A step that should end where a layer runs out goes on for so much of what is expected; one that
 # would end a little before that is made longer by up to the second factor.
@@ -70,8 +57,8 @@ def has_kinks(buffer):
     """Whether the rates have a kink at every size or in every layer."""
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
-    partly = model == PROPORTIONAL and parameter.segregation_proportion > 0.0
-    return partly or model == CLASSIFIED or reconstructed(buffer)
+    partly = model == segregation.PROPORTIONAL and parameter.segregation_proportion > 0.0
+    return partly or model == segregation.CLASSIFIED or rates.reconstructed(buffer)
 
 
 @kernel
@@ -88,17 +75,17 @@ def choose_scheme(buffer, book, fastest, left):
     The cost is rates over time: six a step of the pair, as many as stages of the others. Returns
     the scheme and h [s].
     """
-    most = STABLE / fastest if fastest > 0.0 else left
+    most = explicit.STABLE / fastest if fastest > 0.0 else left
     pace = book.pace if book.pace > 0.0 else first_pair(buffer, book) * most
-    scheme, h = PAIR, min(pace, most)
+    scheme, h = explicit.PAIR, min(pace, most)
     rates = 6
     wide = book.wide
     if wide > 0.0:
         scale = 1.0 / fastest if fastest > 0.0 else left
-        for stages in range(CHAIN_LEAST, CHAIN_MOST + 1):
-            reach = min(wide, CHAIN_STABLE[stages - CHAIN_LEAST] * scale)
+        for stages in range(chain.CHAIN_LEAST, chain.CHAIN_MOST + 1):
+            reach = min(wide, chain.CHAIN_STABLE[stages - chain.CHAIN_LEAST] * scale)
             if stages * h < rates * reach:
-                scheme, h, rates = CHAIN, reach, stages
+                scheme, h, rates = explicit.CHAIN, reach, stages
             if reach == wide:
                 break
     # Steps of one length to the end.
@@ -113,7 +100,7 @@ def step_factor(error, scheme):
     of the pair, 5, is taken as 16/3, that of the chain, 3, as 16/5: square roots are cheap.
     """
     root = sqrt(sqrt(max(error, 1e-10)))
-    if scheme == CHAIN:
+    if scheme == explicit.CHAIN:
         return SAFETY_WIDE / (root * sqrt(sqrt(root)))
     root = sqrt(root)
     return SAFETY / (root * sqrt(root))
@@ -124,7 +111,11 @@ def longest_step(scheme, h, fastest):
     """A step that may be a little longer than h, but for stability, s."""
     if fastest == 0.0:
         return STRETCH * h
-    most = STABLE if scheme == PAIR else CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST]
+    most = (
+        explicit.STABLE
+        if scheme == explicit.PAIR
+        else chain.CHAIN_STABLE[chain.CHAIN_MOST - chain.CHAIN_LEAST]
+    )
     return min(STRETCH * h, max(h, most / fastest))
 
 
@@ -134,7 +125,7 @@ def planned_length(buffer, scene, book, step, layers, mass):
     growth, kink = step.growth, step.kink
     scheme, h = choose_scheme(buffer, book, step.fastest, step.left)
     cut = 0.0 < kink < STRETCH * h
-    passes = cut and growth < 0.0 and follows_share(buffer, layers)
+    passes = cut and growth < 0.0 and rates.follows_share(buffer, layers)
     if passes:
         over = over_allowed(buffer, scene, book, layers, h, growth)
         if over > 0.0:
@@ -155,9 +146,9 @@ def explicit_length(buffer, scene, book, step, layers):
     Into `step`: length, scheme, and the part of the step that lies before a kink.
     """
     counter = state.counters(buffer)
-    staged = block_load(buffer, state.AT.stage, STAGED)
+    staged = blocks.stage_load(buffer, blocks.STAGED)
     full = scene.layer_full if layers > 1 else scene.contact_load
-    mass = layer_mass(block_load(buffer, state.AT.stage, NOW), layers - 1)
+    mass = layer.layer_mass(blocks.stage_load(buffer, blocks.NOW), layers - 1)
     miss = miss_of(buffer, layers, step.growth) * full
     kinks = has_kinks(buffer)
     first = book.wide == 0.0 and state.extent(buffer).parts > 0
@@ -167,17 +158,17 @@ def explicit_length(buffer, scene, book, step, layers):
         h, scheme = step.length, step.scheme
         allowed = margin_of(scheme, kinks) * allowance(buffer, scene, book, h)
         error = try_explicit(buffer, scene, step, layers) / allowed
-        if scheme == PAIR and not kinks and state.extent(buffer).source_terms == 0:
+        if scheme == explicit.PAIR and not kinks and state.extent(buffer).source_terms == 0:
             error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
-        moved = abs(layer_mass(staged, layers - 1) - mass)
+        moved = abs(layer.layer_mass(staged, layers - 1) - mass)
         lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
         if lands and passes:
             most = FORETOLD * OVER_MARGIN * allowance(buffer, scene, book, h)
-            lands = misplaced(buffer, scene, layers, STAGED, K7, moved - mass) > most
+            lands = misplaced(buffer, scene, layers, blocks.STAGED, blocks.K7, moved - mass) > most
         if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
             change = step.distance if step.growth > 0.0 else -step.distance
-            part = part_to_kink(buffer, layers, h, scheme, change)
+            part = within.part_to_kink(buffer, layers, h, scheme, change)
             counter.landings += 1
             cut = True
             if error > 1.0:
@@ -193,7 +184,7 @@ def explicit_length(buffer, scene, book, step, layers):
             continue
         if error > 1.0:
             counter.column_steps_forced += 1
-        if first and scheme == PAIR:  # of a cohort: the next one begins with it
+        if first and scheme == explicit.PAIR:  # of a cohort: the next one begins with it
             book.first_pace = fit
         plan_next(buffer, book, step, layers, fit, allowed, kinks, cut)
         return
@@ -203,9 +194,11 @@ def explicit_length(buffer, scene, book, step, layers):
 def try_explicit(buffer, scene, step, layers):
     """Do the stages of the step; its error, a part of what was fed."""
     h, moment = step.length, step.duration - step.left
-    if step.scheme == CHAIN:
-        return chain_step(buffer, scene, layers, h, chain_stages(h * step.fastest), moment)
-    return pair_step(buffer, scene, layers, h, moment)
+    if step.scheme == explicit.CHAIN:
+        return chain.chain_step(
+            buffer, scene, layers, h, chain.chain_stages(h * step.fastest), moment
+        )
+    return pair.pair_step(buffer, scene, layers, h, moment)
 
 
 @kernel
@@ -218,15 +211,19 @@ def margin_of(scheme, kinks):
 def plan_next(buffer, book, step, layers, fit, allowed, kinks, cut):
     """Keep the steps that the next ones of the pair and of the chain may have."""
     counter = state.counters(buffer)
-    if step.scheme == PAIR:
+    if step.scheme == explicit.PAIR:
         book.pace = max(fit, book.pace) if cut else fit
-        margin = margin_of(PAIR, kinks)
-        error = third_order_error(buffer, step.length, layers) * margin / (allowed * MARGIN_WIDE)
+        margin = margin_of(explicit.PAIR, kinks)
+        error = (
+            explicit.third_order_error(buffer, step.length, layers)
+            * margin
+            / (allowed * MARGIN_WIDE)
+        )
         book.wide = step.length * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
         counter.pair_steps += 1
     else:
         # No step was tried that is longer than the chain is stable.
-        fit = min(fit, CHAIN_STABLE[CHAIN_MOST - CHAIN_LEAST] / step.fastest)
+        fit = min(fit, chain.CHAIN_STABLE[chain.CHAIN_MOST - chain.CHAIN_LEAST] / step.fastest)
         book.wide = max(fit, book.wide) if cut else fit
         counter.chain_steps += 1
 
@@ -265,18 +262,20 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     allowed = allowance(buffer, scene, book, h)
     counter = state.counters(buffer)
     target = book.order
-    rows = rows_in_use(buffer, scene, block_load(buffer, state.AT.stage, NOW), layers, h, moment)
+    rows = implicit.rows_in_use(
+        buffer, scene, blocks.stage_load(buffer, blocks.NOW), layers, h, moment
+    )
     book.rows = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0
     for k in range(min(target + 1, state.MAX_ORDER)):
-        run_trial(buffer, scene, k, layers, rows, h, moment)
+        implicit.run_trial(buffer, scene, k, layers, rows, h, moment)
         counter.sub_steps += k + 1
-        extrapolate(buffer, k, rows)
+        implicit.extrapolate(buffer, k, rows)
         used = k + 1
         if k == 0:
             continue
-        error = max(step_error(buffer, rows) / allowed, 1e-30)
+        error = max(implicit.step_error(buffer, rows) / allowed, 1e-30)
         fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
         cost = trial_cost(used) / fit
         if error <= 1.0:

@@ -5,42 +5,18 @@ from __future__ import annotations
 from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics.column import (
-    INTEGRAL,
-    K1,
-    K3,
-    K4,
-    K5,
-    K6,
-    K7,
-    NOW,
-    STAGED,
-    block,
-    block_load,
-)
-from vibroscreen.kernels.numerics.explicit import (
-    D1,
-    D3,
-    D4,
-    D5,
-    D6,
-    D7,
-    OF_PART,
-    PAIR,
-    integrate_ends,
-)
-from vibroscreen.kernels.numerics.pair import integrate_stages
+from vibroscreen.kernels.numerics import blocks, explicit, pair
 from vibroscreen.kernels.physics.layer import layer_mass
 
 
-# With d = STAGED - y the column at the part t of an explicit step is, to order 4,
+# With d = blocks.STAGED - y the column at the part t of an explicit step is, to order 4,
 #   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
 # or to order 3 without the last term, which is that of the pair.
 @kernel
 def value_in_step(buffer, layers, h, t, scheme):
     """Column at the part t of an explicit step that is not yet taken, into block OF_PART."""
     bend = t * t * (1.0 - t)
-    more = bend * (1.0 - t) if scheme == PAIR else 0.0
+    more = bend * (1.0 - t) if scheme == explicit.PAIR else 0.0
     combine_step(buffer, layers, h, 1.0, t, t * (1.0 - t), bend, more)
 
 
@@ -51,26 +27,33 @@ def integral_in_step(buffer, layers, h, a, b, scheme):
     fourth = (b * b * b * b - a * a * a * a) / 4.0
     fifth = (b * b * b * b * b - a * a * a * a * a) / 5.0
     bend = h * (third - fourth)
-    more = h * (third - 2.0 * fourth + fifth) if scheme == PAIR else 0.0
+    more = h * (third - 2.0 * fourth + fifth) if scheme == explicit.PAIR else 0.0
     combine_step(buffer, layers, h, h * first, h * second, h * (second - third), bend, more)
 
 
 @kernel
 def combine_step(buffer, layers, h, start, whole, near, bend, more):
     """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
-    y, new = block(buffer, state.AT.stage, NOW), block(buffer, state.AT.stage, STAGED)
-    k1, k7 = block(buffer, state.AT.stage, K1), block(buffer, state.AT.stage, K7)
-    out = block(buffer, state.AT.trial, OF_PART)
+    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    out = blocks.trial(buffer, blocks.OF_PART)
     size = (layers + 1) * state.extent(buffer).active
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
     for i in range(0, size, 4):
         one = start * four(y, i) + gd * (four(new, i) - four(y, i))
         put_four(out, i, one + (g1 * four(k1, i) + g7 * four(k7, i)))
     if more > 0.0:
-        k3, k4 = block(buffer, state.AT.stage, K3), block(buffer, state.AT.stage, K4)
-        k5, k6 = block(buffer, state.AT.stage, K5), block(buffer, state.AT.stage, K6)
+        k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
+        k5, k6 = blocks.stage(buffer, blocks.K5), blocks.stage(buffer, blocks.K6)
         g = h * more
-        r1, r3, r4, r5, r6, r7 = g * D1, g * D3, g * D4, g * D5, g * D6, g * D7
+        r1, r3, r4, r5, r6, r7 = (
+            g * explicit.D1,
+            g * explicit.D3,
+            g * explicit.D4,
+            g * explicit.D5,
+            g * explicit.D6,
+            g * explicit.D7,
+        )
         for i in range(0, size, 4):
             one = r1 * four(k1, i) + r3 * four(k3, i) + r4 * four(k4, i)
             one += r5 * four(k5, i) + r6 * four(k6, i) + r7 * four(k7, i)
@@ -81,18 +64,18 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
 def part_to_kink(buffer, layers, h, scheme, change):
     """Part of an explicit step after which the top layer has changed by `change` kg/m2."""
     row = layers - 1
-    d = layer_mass(block_load(buffer, state.AT.stage, STAGED), row)
-    d -= layer_mass(block_load(buffer, state.AT.stage, NOW), row)
-    first = h * layer_mass(block_load(buffer, state.AT.stage, K1), row) - d
-    second = d - first - h * layer_mass(block_load(buffer, state.AT.stage, K7), row)
+    d = layer_mass(blocks.stage_load(buffer, blocks.STAGED), row)
+    d -= layer_mass(blocks.stage_load(buffer, blocks.NOW), row)
+    first = h * layer_mass(blocks.stage_load(buffer, blocks.K1), row) - d
+    second = d - first - h * layer_mass(blocks.stage_load(buffer, blocks.K7), row)
     third = 0.0
-    if scheme == PAIR:
-        third = D1 * layer_mass(block_load(buffer, state.AT.stage, K1), row)
-        third += D3 * layer_mass(block_load(buffer, state.AT.stage, K3), row)
-        third += D4 * layer_mass(block_load(buffer, state.AT.stage, K4), row)
-        third += D5 * layer_mass(block_load(buffer, state.AT.stage, K5), row)
-        third += D6 * layer_mass(block_load(buffer, state.AT.stage, K6), row)
-        third += D7 * layer_mass(block_load(buffer, state.AT.stage, K7), row)
+    if scheme == explicit.PAIR:
+        third = explicit.D1 * layer_mass(blocks.stage_load(buffer, blocks.K1), row)
+        third += explicit.D3 * layer_mass(blocks.stage_load(buffer, blocks.K3), row)
+        third += explicit.D4 * layer_mass(blocks.stage_load(buffer, blocks.K4), row)
+        third += explicit.D5 * layer_mass(blocks.stage_load(buffer, blocks.K5), row)
+        third += explicit.D6 * layer_mass(blocks.stage_load(buffer, blocks.K6), row)
+        third += explicit.D7 * layer_mass(blocks.stage_load(buffer, blocks.K7), row)
         third *= h
     low, high, t = 0.0, 1.0, change / d
     for _ in range(60):
@@ -114,8 +97,8 @@ def part_to_kink(buffer, layers, h, scheme, change):
 @kernel
 def land_in_step(buffer, layers, h, t, scheme):
     """End a step that is not yet taken at its part t: its column and time integral."""
-    total, staged = block(buffer, state.AT.stage, INTEGRAL), block(buffer, state.AT.stage, STAGED)
-    out = block(buffer, state.AT.trial, OF_PART)
+    total, staged = blocks.stage(buffer, blocks.INTEGRAL), blocks.stage(buffer, blocks.STAGED)
+    out = blocks.trial(buffer, blocks.OF_PART)
     size = (layers + 1) * state.extent(buffer).active
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
     for i in range(0, size, 4):
@@ -129,7 +112,7 @@ def land_in_step(buffer, layers, h, t, scheme):
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
     size = (layers + 1) * state.extent(buffer).active
-    if scheme == PAIR:
-        integrate_stages(buffer, h, size)
+    if scheme == explicit.PAIR:
+        pair.integrate_stages(buffer, h, size)
     else:
-        integrate_ends(buffer, h, size)
+        explicit.integrate_ends(buffer, h, size)

@@ -7,34 +7,11 @@ import math
 from vibroscreen.compiler.language import kernel, view1, view2
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, tan
-from vibroscreen.kernels.physics.motion import (
-    BODY,
-    CONSTANT,
-    EDGE,
-    GRAVITY,
-    ROLLS,
-    ROWS,
-    WAVE,
-    wave_at,
-)
-from vibroscreen.kernels.physics.rigid_body import (
-    AIRBORNE,
-    FLIGHTS,
-    FLYING,
-    HEIGHT,
-    LOSS,
-    MEASURED,
-    RISE,
-    SLIP,
-    TRAVEL,
-    block_periods,
-    set_motion,
-    write_result,
-)
+from vibroscreen.kernels.physics import motion, rigid_body
 
 # the bed needs no edges: their place holds what it needs
 SWING_STEPS = 200
-SWING = EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
+SWING = motion.EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
 SETTLING_PERIODS = 64
 BED_THROW = 4.5  # throw number up to which the bed was checked
 # softness of landing [1], damping [1], friction of shaken grains [1], drag [s/m]: first and third
@@ -45,11 +22,13 @@ BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
 @kernel
 def _set_swing(work):
     """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
-    wave = view2(work, WAVE, ROWS, 5)
+    wave = view2(work, motion.WAVE, motion.ROWS, 5)
     swing = view2(work, SWING, SWING_STEPS, 2)
-    along, normal, _, _ = wave_at(wave, 0.0, 1)
+    along, normal, _, _ = motion.wave_at(wave, 0.0, 1)
     for k in range(SWING_STEPS):
-        next_along, next_normal, _, _ = wave_at(wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1)
+        next_along, next_normal, _, _ = motion.wave_at(
+            wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1
+        )
         swing[k, 0] = next_along - along
         swing[k, 1] = next_normal - normal
         along, normal = next_along, next_normal
@@ -110,29 +89,29 @@ def _ride(work, periods, share, slope, landing, grip, drag):
     Returns the derivative of the slip velocity at the end in that at the start; travel, time in the
     air, flights and loss are those of these periods.
     """
-    body = view1(work, BODY, 15)
-    damping = work[CONSTANT + 1]
-    rate = (1.0 - work[ROLLS]) * damping / landing
+    body = view1(work, motion.BODY, 15)
+    damping = work[motion.CONSTANT + 1]
+    rate = (1.0 - work[motion.ROLLS]) * damping / landing
     step = 2.0 * math.pi / SWING_STEPS
-    for k in range(TRAVEL, MEASURED):
+    for k in range(rigid_body.TRAVEL, rigid_body.MEASURED):
         body[k] = 0.0
-    height, rise, slip = body[HEIGHT], body[RISE], body[SLIP]
+    height, rise, slip = body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.SLIP]
     memory = 1.0
     for k in range(periods * SWING_STEPS):
         gain = view1(work, SWING + 2 * (k % SWING_STEPS), 2)
-        flies, fast, fell = body[FLYING], slip, rise
+        flies, fast, fell = body[rigid_body.FLYING], slip, rise
         force, height, rise = _press(height, rise, gain[1], landing, damping)
-        body[FLYING] = 1.0 if force == 0.0 else 0.0
-        body[AIRBORNE] += step * body[FLYING]
-        body[FLIGHTS] += 1.0 if body[FLYING] > flies else 0.0
+        body[rigid_body.FLYING] = 1.0 if force == 0.0 else 0.0
+        body[rigid_body.AIRBORNE] += step * body[rigid_body.FLYING]
+        body[rigid_body.FLIGHTS] += 1.0 if body[rigid_body.FLYING] > flies else 0.0
         free = slip + step * slope - gain[0]
         drop, change = _drag(free, share * force, rate, grip, drag)
         slip = free - step * drop
         memory *= 1.0 - step * change
-        body[TRAVEL] += step * slip
+        body[rigid_body.TRAVEL] += step * slip
         # with mean velocities of a step the deck's work is exactly what is lost less gravity's
-        body[LOSS] += 0.5 * step * (drop * (slip + fast) - force * (rise + fell))
-    body[HEIGHT], body[RISE], body[SLIP] = height, rise, slip
+        body[rigid_body.LOSS] += 0.5 * step * (drop * (slip + fast) - force * (rise + fell))
+    body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.SLIP] = height, rise, slip
     return memory
 
 
@@ -142,16 +121,16 @@ def _settle_landing(work, landing, longer):
 
     1, or `longer` where landings do not repeat every period.
     """
-    body = view1(work, BODY, 15)
+    body = view1(work, motion.BODY, 15)
     swing = view2(work, SWING, SWING_STEPS, 2)
-    damping = work[CONSTANT + 1]
+    damping = work[motion.CONSTANT + 1]
     for _ in range(SETTLING_PERIODS):
-        height, rise = body[HEIGHT], body[RISE]
+        height, rise = body[rigid_body.HEIGHT], body[rigid_body.RISE]
         for k in range(SWING_STEPS):
             force, height, rise = _press(height, rise, swing[k, 1], landing, damping)
-        moved = abs(height - body[HEIGHT]) + abs(rise - body[RISE])
-        body[HEIGHT], body[RISE] = height, rise
-        body[FLYING] = 1.0 if force == 0.0 else 0.0
+        moved = abs(height - body[rigid_body.HEIGHT]) + abs(rise - body[rigid_body.RISE])
+        body[rigid_body.HEIGHT], body[rigid_body.RISE] = height, rise
+        body[rigid_body.FLYING] = 1.0 if force == 0.0 else 0.0
         if moved < 1e-9:
             return 1
     return longer
@@ -164,18 +143,23 @@ def _settle_slip(work, periods, slope, landing, grip, drag):
     What the periods make of a slip velocity grows with it, but by less: there is one that repeats,
     and Newton's method kept between the bounds that are known finds it.
     """
-    body = view1(work, BODY, 15)
-    height, rise, flies = body[HEIGHT], body[RISE], body[FLYING]
+    body = view1(work, motion.BODY, 15)
+    height, rise, flies = body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.FLYING]
     # landings that do not repeat leave some rise: without it the deck has carried the weight
     _ride(work, periods, 1.0, slope, landing, grip, drag)
-    carried = 1.0 + (body[RISE] - rise) / (2.0 * math.pi * periods)
+    carried = 1.0 + (body[rigid_body.RISE] - rise) / (2.0 * math.pi * periods)
     share = 1.0 / max(carried, 0.1)
     low, high = -math.inf, math.inf
     slip = 0.0
     for _ in range(40):
-        body[HEIGHT], body[RISE], body[FLYING], body[SLIP] = height, rise, flies, slip
+        (
+            body[rigid_body.HEIGHT],
+            body[rigid_body.RISE],
+            body[rigid_body.FLYING],
+            body[rigid_body.SLIP],
+        ) = height, rise, flies, slip
         memory = _ride(work, periods, share, slope, landing, grip, drag)
-        change = body[SLIP] - slip
+        change = body[rigid_body.SLIP] - slip
         if memory == 1.0:
             break  # never on the deck
         if change > 0.0:
@@ -193,22 +177,22 @@ def _settle_slip(work, periods, slope, landing, grip, drag):
 @entry("void(matrix, vector, vector, vector)")
 def solve_bed(harmonic, drive, result, work):
     """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
-    if not set_motion(harmonic, drive, result, work):
+    if not rigid_body.set_motion(harmonic, drive, result, work):
         return
     throw = result[5]
-    weight = GRAVITY * cos(drive[1])
+    weight = motion.GRAVITY * cos(drive[1])
     velocity_unit = weight / (2.0 * math.pi * drive[0])
     slope = tan(drive[1])
-    landing = work[CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
-    grip = bed_friction(drive[2], work[CONSTANT + 2])
-    drag = work[CONSTANT + 3] * velocity_unit
-    work[ROLLS] = drive[4]
+    landing = work[motion.CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
+    grip = bed_friction(drive[2], work[motion.CONSTANT + 2])
+    drag = work[motion.CONSTANT + 3] * velocity_unit
+    work[motion.ROLLS] = drive[4]
     _set_swing(work)
     for k in range(15):
-        work[BODY + k] = 0.0
-    periods = _settle_landing(work, landing, block_periods(throw))
+        work[motion.BODY + k] = 0.0
+    periods = _settle_landing(work, landing, rigid_body.block_periods(throw))
     _settle_slip(work, periods, slope, landing, grip, drag)
-    write_result(periods, 0.0, weight, velocity_unit, result, work)
+    rigid_body.write_result(periods, 0.0, weight, velocity_unit, result, work)
     if result[6] == 0.0 and (slope > grip or throw > BED_THROW):
         result[6] = 3.0
 
@@ -222,5 +206,5 @@ def bed_of_grains(harmonic, drive, result, work):
     friction of the bed or above throw number BED_THROW.
     """
     for k in range(4):
-        work[CONSTANT + k] = BED_CONSTANTS[k]
+        work[motion.CONSTANT + k] = BED_CONSTANTS[k]
     solve_bed(harmonic, drive, result, work)

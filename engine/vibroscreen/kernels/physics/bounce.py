@@ -5,8 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels.physics.gaudin import stop_coarse
-from vibroscreen.kernels.physics.motion import GRAVITY
+from vibroscreen.kernels.physics import gaudin, motion
 
 SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loosely
 _PER_VOLUME = SOLIDS * 6.0 / 3.141592653589793  # grains of size d in a volume: this over d^3
@@ -25,7 +24,7 @@ def bounce(size, fraction, scene, probability):
     ones as fill it, times their number a second.
     """
     aperture = scene.aperture
-    fall = sqrt(GRAVITY * aperture)
+    fall = sqrt(motion.GRAVITY * aperture)
     ride = scene.transport_velocity / fall
     carried = scene.drift * ride / aperture
     beyond = (1.0 - scene.rim) / aperture
@@ -39,7 +38,7 @@ def bounce(size, fraction, scene, probability):
     short = scene.depletion * shaken / scene.density
     short *= scene.passage_velocity * scene.open_area / held
     crowd = 0.0
-    passing = stop_coarse(size, aperture, probability)
+    passing = gaudin.stop_coarse(size, aperture, probability)
     for i in range(passing):
         d = size[i]
         guided = 1.0 - beyond * d

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel, own_model
 from vibroscreen.kernels import state
-from vibroscreen.kernels.physics.bounce import bounce
-from vibroscreen.kernels.physics.gaudin import gaudin
-from vibroscreen.kernels.physics.pelevin import pelevin
+from vibroscreen.kernels.physics import bounce, gaudin, pelevin
 
 call_passage = own_model("passage", "vector", "vector", state.SCENE, "vector")
 GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
@@ -22,10 +20,10 @@ GAUDIN, PELEVIN, BOUNCE = 1, 2, 3
 def passage_probability(law, address, size, fraction, scene, probability):
     """P_i of the chosen law; `address` is that of a user's own."""
     if law == GAUDIN:
-        gaudin(size, fraction, scene, probability)
+        gaudin.gaudin(size, fraction, scene, probability)
     elif law == PELEVIN:
-        pelevin(size, fraction, scene, probability)
+        pelevin.pelevin(size, fraction, scene, probability)
     elif law == BOUNCE:
-        bounce(size, fraction, scene, probability)
+        bounce.bounce(size, fraction, scene, probability)
     else:
         call_passage(address, size, fraction, scene, probability)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels.physics.motion import ORDER
-from vibroscreen.kernels.physics.rigid_body import rigid_body
+from vibroscreen.kernels.physics import motion, rigid_body
 
 
 @kernel
@@ -14,7 +13,7 @@ def prescribed(harmonic, drive, result, work):
     Arguments as in rigid_body. Flights, throw number and dissipation are those of the rigid body,
     0 where it has no regime; spread and status are 0.
     """
-    rigid_body(harmonic, drive, result, work)
-    result[0] = drive[3] if work[ORDER] > 0.0 else 0.0
+    rigid_body.rigid_body(harmonic, drive, result, work)
+    result[0] = drive[3] if work[motion.ORDER] > 0.0 else 0.0
     result[1] = 0.0
     result[6] = 0.0

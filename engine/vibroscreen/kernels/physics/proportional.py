@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels.physics.classified import classified
-from vibroscreen.kernels.physics.layer import NOTHING, layer_mass
+from vibroscreen.kernels.physics import classified, layer
 
 
 @kernel
 def proportional(size, load, layers, scene, contact, percolation):
     """Contact composition (1 - chi) mean + chi classified (the paper's original separation)."""
-    classified(size, load, layers, scene, contact, percolation)
-    mass = layer_mass(load, 0)
-    share = 1.0 / mass if mass > NOTHING else 0.0
+    classified.classified(size, load, layers, scene, contact, percolation)
+    mass = layer.layer_mass(load, 0)
+    share = 1.0 / mass if mass > layer.NOTHING else 0.0
     chi = scene.proportion
     for i in range(size.size):
         contact[i] = (1.0 - chi) * share + chi * contact[i]

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 from vibroscreen.compiler.language import kernel, own_model
 from vibroscreen.kernels import state
-from vibroscreen.kernels.physics.classified import classified
-from vibroscreen.kernels.physics.exchange import exchange
-from vibroscreen.kernels.physics.proportional import proportional
-from vibroscreen.kernels.physics.well_mixed import well_mixed
+from vibroscreen.kernels.physics import classified, exchange, proportional, well_mixed
 
 call_segregation = own_model(
     "segregation", "vector", "matrix", "int64", state.SCENE, "vector", "matrix"
@@ -24,12 +21,12 @@ WELL_MIXED, PROPORTIONAL, EXCHANGE, CLASSIFIED = 1, 2, 3, 4
 def segregate(model, address, size, load, layers, scene, contact, percolation):
     """Contact weights and percolation rates of the chosen model; `address` is a user's own."""
     if model == WELL_MIXED:
-        well_mixed(size, load, layers, scene, contact, percolation)
+        well_mixed.well_mixed(size, load, layers, scene, contact, percolation)
     elif model == PROPORTIONAL:
-        proportional(size, load, layers, scene, contact, percolation)
+        proportional.proportional(size, load, layers, scene, contact, percolation)
     elif model == EXCHANGE:
-        exchange(size, load, layers, scene, contact, percolation)
+        exchange.exchange(size, load, layers, scene, contact, percolation)
     elif model == CLASSIFIED:
-        classified(size, load, layers, scene, contact, percolation)
+        classified.classified(size, load, layers, scene, contact, percolation)
     else:
         call_segregation(address, size, load, layers, scene, contact, percolation)

@@ -1,7 +1,7 @@
 """Where things are on a deck: panels, cells, and riding time against place (MODEL.md, "The deck").
 
-The riding time is what a package needs from the feed end to a place, s; `at` says whether with the
-scenes in use or with new ones. A deck conveys on all of its panels or on none.
+The riding time is what a package needs from the feed end to a place, s. A deck conveys on all of
+its panels or on none.
 """
 
 from __future__ import annotations
@@ -32,38 +32,48 @@ def deck_length(buffer, deck):
 
 
 @kernel
-def panel_velocity(buffer, at, deck, panel):
+def panel_velocity(buffer, deck, panel):
     """Velocity of the bed on a panel, m/s."""
-    return state.scene(buffer, at, deck, panel).transport_velocity
+    return state.scene(buffer, state.AT.scene, deck, panel).transport_velocity
 
 
 @kernel
 def conveys(buffer, deck):
     """Whether the bed moves along a deck."""
-    return panel_velocity(buffer, state.AT.scene, deck, 0) > 0.0
+    return panel_velocity(buffer, deck, 0) > 0.0
 
 
 @kernel
-def panel_end_time(buffer, at, deck, panel):
+def panel_end_time(buffer, deck, panel):
     """Riding time at the end of a panel, s."""
     time = 0.0
     for k in range(panel + 1):
-        time += state.panel(buffer, deck, k).length / panel_velocity(buffer, at, deck, k)
+        time += state.panel(buffer, deck, k).length / panel_velocity(buffer, deck, k)
     return time
 
 
 @kernel
-def residence_time(buffer, at, deck):
-    """Riding time at the discharge, s; 0 where the deck does not convey."""
-    if panel_velocity(buffer, at, deck, 0) <= 0.0:
-        return 0.0
-    return panel_end_time(buffer, at, deck, panel_count(buffer, deck) - 1)
+def riding_time_over(buffer, at, deck):
+    """Riding time at the discharge with the scenes of field `at`, s; 0 where it does not convey."""
+    time = 0.0
+    if state.scene(buffer, at, deck, 0).transport_velocity <= 0.0:
+        return time
+    for k in range(panel_count(buffer, deck)):
+        velocity = state.scene(buffer, at, deck, k).transport_velocity
+        time += state.panel(buffer, deck, k).length / velocity
+    return time
 
 
 @kernel
-def riding_time(buffer, at, deck, place):
+def residence_time(buffer, deck):
+    """Riding time at the discharge, s; 0 where the deck does not convey."""
+    return riding_time_over(buffer, state.AT.scene, deck)
+
+
+@kernel
+def riding_time(buffer, deck, place):
     """Riding time at a place [m], s, also before the feed end; on a deck at rest the place."""
-    velocity = panel_velocity(buffer, at, deck, 0)
+    velocity = panel_velocity(buffer, deck, 0)
     if velocity <= 0.0:
         return place
     time = 0.0
@@ -72,28 +82,28 @@ def riding_time(buffer, at, deck, place):
     for panel in range(last):
         length = state.panel(buffer, deck, panel).length
         if left <= length:
-            return time + left / panel_velocity(buffer, at, deck, panel)
-        time += length / panel_velocity(buffer, at, deck, panel)
+            return time + left / panel_velocity(buffer, deck, panel)
+        time += length / panel_velocity(buffer, deck, panel)
         left -= length
-    return time + left / panel_velocity(buffer, at, deck, last)
+    return time + left / panel_velocity(buffer, deck, last)
 
 
 @kernel
-def place_after(buffer, at, deck, time):
+def place_after(buffer, deck, time):
     """Place [m] at a riding time [s], also before the feed end and beyond the discharge."""
-    if panel_velocity(buffer, at, deck, 0) <= 0.0:
+    if panel_velocity(buffer, deck, 0) <= 0.0:
         return time
     place = 0.0
     left = time
     last = panel_count(buffer, deck) - 1
     for panel in range(last):
         length = state.panel(buffer, deck, panel).length
-        velocity = panel_velocity(buffer, at, deck, panel)
+        velocity = panel_velocity(buffer, deck, panel)
         if left * velocity <= length:
             return place + left * velocity
         left -= length / velocity
         place += length
-    return place + left * panel_velocity(buffer, at, deck, last)
+    return place + left * panel_velocity(buffer, deck, last)
 
 
 @kernel
@@ -129,15 +139,15 @@ def cell_panel(buffer, deck, cell):
 
 
 @kernel
-def cell_end(buffer, at, deck, cell):
+def cell_end(buffer, deck, cell):
     """Riding time at the end of a cell, s."""
     panel = cell_panel(buffer, deck, cell)
     beyond = 0
     for k in range(panel + 1):
         beyond += panel_cells(buffer, deck, k)
-    end = panel_end_time(buffer, at, deck, panel)
+    end = panel_end_time(buffer, deck, panel)
     behind = beyond - 1 - cell  # cells of the panel that follow
     if behind == 0:
         return end
-    span = state.panel(buffer, deck, panel).length / panel_velocity(buffer, at, deck, panel)
+    span = state.panel(buffer, deck, panel).length / panel_velocity(buffer, deck, panel)
     return end - span * behind / panel_cells(buffer, deck, panel)

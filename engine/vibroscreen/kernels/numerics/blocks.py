@@ -1,0 +1,127 @@
+"""Columns as the schemes hold them: of the sizes that take part, in blocks of `stage` and `trial`.
+
+A block is what passed, the loads of the layers, and the composition of the top one in the row above
+it, as vectors over the sizes that take part, a multiple of four.
+"""
+
+from __future__ import annotations
+
+from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
+from vibroscreen.compiler.language import kernel, view1, view2
+from vibroscreen.kernels import state
+
+# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
+NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
+# Blocks of `trial` while rates are found: loads at the faces of the layers. While a step is taken:
+# its errors; between steps the column or its time integral over a part.
+LOWER, UPPER, OF_PART = 0, 1, 2
+
+
+@kernel
+def active_vector(buffer, at, row):
+    """Row `row` of a field of vectors over the sizes that take part."""
+    return state.vector(buffer, at, state.extent(buffer).active, row)
+
+
+@kernel
+def active_column(buffer, at):
+    """A work column over the sizes that take part."""
+    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
+
+
+@kernel
+def _start(buffer, at, index):
+    rows = state.extent(buffer).layers + 2
+    return int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
+
+
+@kernel
+def _whole(buffer, at, index):
+    extent = state.extent(buffer)
+    return view1(buffer, _start(buffer, at, index), (extent.layers + 2) * extent.active)
+
+
+@kernel
+def _passed(buffer, at, index):
+    return view1(buffer, _start(buffer, at, index), state.extent(buffer).active)
+
+
+@kernel
+def _load(buffer, at, index):
+    extent = state.extent(buffer)
+    return view2(buffer, _start(buffer, at, index) + extent.active, extent.layers, extent.active)
+
+
+@kernel
+def stage(buffer, index):
+    """A block of `stage` as one vector."""
+    return _whole(buffer, state.AT.stage, index)
+
+
+@kernel
+def stage_passed(buffer, index):
+    """What passed, in a block of `stage`."""
+    return _passed(buffer, state.AT.stage, index)
+
+
+@kernel
+def stage_load(buffer, index):
+    """Loads of a block of `stage` [layer, active size]."""
+    return _load(buffer, state.AT.stage, index)
+
+
+@kernel
+def stage_share(buffer, index, layers):
+    """Mass fractions of the top one of `layers` layers in a block of `stage` [1, active size]."""
+    active = state.extent(buffer).active
+    return view2(buffer, _start(buffer, state.AT.stage, index) + (layers + 1) * active, 1, active)
+
+
+@kernel
+def rates(buffer):
+    """Rates at the stages 1 to 7, each a block as one vector."""
+    k1, k2, k3 = stage(buffer, K1), stage(buffer, K2), stage(buffer, K3)
+    k4, k5, k6 = stage(buffer, K4), stage(buffer, K5), stage(buffer, K6)
+    return k1, k2, k3, k4, k5, k6, stage(buffer, K7)
+
+
+@kernel
+def step_ends(buffer):
+    """The column before and after a step that is not yet taken, and its rates then."""
+    return stage(buffer, NOW), stage(buffer, STAGED), stage(buffer, K1), stage(buffer, K7)
+
+
+@kernel
+def trial(buffer, index):
+    """A block of `trial` as one vector."""
+    return _whole(buffer, state.AT.trial, index)
+
+
+@kernel
+def trial_passed(buffer, index):
+    """What passed, in a block of `trial`."""
+    return _passed(buffer, state.AT.trial, index)
+
+
+@kernel
+def trial_load(buffer, index):
+    """Loads of a block of `trial` [layer, active size]."""
+    return _load(buffer, state.AT.trial, index)
+
+
+@kernel
+def worst_of(error, weight):
+    """Largest product of two vectors over the sizes that take part, not below 0."""
+    worst = all_four(0.0)
+    for i in range(0, error.size, 4):
+        worst = larger(worst, four(error, i) * four(weight, i))
+    return largest(worst)
+
+
+@kernel
+def largest_of(values, row):
+    """Largest number of a row over the sizes that take part, not below 0."""
+    most = all_four(0.0)
+    for i in range(0, values.shape[1], 4):
+        most = larger(most, four_in(values, row, i))
+    return largest(most)
