@@ -100,7 +100,7 @@ class Number(Entry):
         plain = type(value) is float and not self.whole
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
-            raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('too_small')}")
+            raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('not_finite')}")
         number = as_float(value)
         least, most = self.limits
         if not math.isfinite(number):
@@ -158,7 +158,8 @@ class Number(Entry):
         if text == "too_large" and self.unit in _CONFUSED:
             return confused_units(self.unit, self.key)
         kind = "a whole number" if self.whole else "a number"
-        return f"give {kind} in this range ({self.key} in a TOML file)"
+        where = f", {self.range}" if text == "not_finite" and self.range else " in this range"
+        return f"give {kind}{where} ({self.key} in a TOML file)"
 
 
 @dataclass(frozen=True)

@@ -317,6 +317,7 @@ class Passage:
         "works",
         cure="0 closes the deck",
     )
+    velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
     rim: float = number(
         0.3,
         "rim",
@@ -398,7 +399,6 @@ class Passage:
         tells=f"Contact depth over the most that the deck shakes of a bed{BOUNCE}",
         cure="0 lets all of a bed damp",
     )
-    velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
     closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
 
     def __post_init__(self) -> None:
@@ -470,6 +470,15 @@ class Segregation:
         variability="tunable",
         tells="Extra distance between grains by shaking; opens the gaps for fine grains",
     )
+    proportion: float = number(
+        0.5,
+        "proportion",
+        at_least=0.0,
+        at_most=1.0,
+        variability="tunable",
+        tells="Sorted share of the bed, used by the segregation model proportional",
+        cure="give a part of one",
+    )
     relative_dilation: float = number(
         0.0,
         "relative_dilation",
@@ -488,15 +497,6 @@ class Segregation:
         variability="tunable",
         tells="Velocity at which layers exchange grains whatever their size",
         cure="0 only sorts",
-    )
-    proportion: float = number(
-        0.5,
-        "proportion",
-        at_least=0.0,
-        at_most=1.0,
-        variability="tunable",
-        tells="Sorted share of the bed, used by the segregation model proportional",
-        cure="give a part of one",
     )
     closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
 

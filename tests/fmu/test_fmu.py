@@ -553,7 +553,7 @@ def engine_place(name: str) -> tuple[str, int]:
     if name.startswith("feed.mass_fraction["):
         return "fraction", int(name[len("feed.mass_fraction[") : -1]) - 1
     scalar = {
-        "feed.mass_flow_rate": "feed_rate",
+        "feed.mass_flow_rate": "feed_mass_flow_rate",
         "motion.frequency": "frequency",
         "motion.amplitude": "amplitude",
         "motion.ellipticity": "ellipticity",
@@ -1037,11 +1037,11 @@ print("ended at", run["time"][-1])
 
 def test_simulate_fmu_of_fmpy_ends_early_without_an_exception(fmu: Path) -> None:
     """As the page says; the message is there for those who switch logging on."""
-    said = "[ERROR] feed.mass_flow_rate = -3 kg/s is below the least that is possible, 0 kg/s: "
+    said = "[ERROR] feed.mass_flow_rate = -3 kg/s is out of range (0 to 1e+06 kg/s): "
     loud, silent = (run_python(ENDS_EARLY, fmu, log) for log in ("log", "no log"))
     assert loud[-1] == silent[-1] == "ended at 5.0"
     assert len([line for line in loud if line.startswith(said)]) == 1
-    assert not [line for line in silent if "is below the least" in line]
+    assert not [line for line in silent if "is out of range" in line]
 
 
 def test_the_last_successful_time_is_that_of_the_last_step(screen: Instance) -> None:

@@ -121,7 +121,7 @@ def test_cut_sizes_are_found_when_somebody_reads_them() -> None:
     eager.switch(partition=False)
     for screen in (lazy, eager):
         for k in range(5):
-            screen.record("input").frequency = 15.0 + 0.1 * k
+            screen.record("input").motion_frequency = 15.0 + 0.1 * k
             screen.advance(10.0)
     assert lazy.counters()["partitions"] == 0
     assert eager.counters()["partitions"] == 5

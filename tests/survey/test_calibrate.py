@@ -364,7 +364,7 @@ def test_numbers_by_name() -> None:
     for name in ("deck[9].panel[1].aperture", "passage.law", "nothing", "deck[1]", "bed.layers.x"):
         with pytest.raises(ConfigError, match="is not a number of this screen"):
             config.value_of(name)
-    with pytest.raises(ConfigError, match="open_area = 2 is larger than 1"):
+    with pytest.raises(ConfigError, match="open_area = 2 is out of range"):
         config.with_values({"deck[1].panel[1].open_area": 2.0})
 
 

@@ -326,7 +326,7 @@ def transient(config: ScreenConfig, dt: float) -> np.ndarray:
     plan = [(60.0, 0.3), (60.0, 0.3), (90.0, 0.3), (90.0, 0.45), (0.0, 0.45), (40.0, 0.2)]
     for rate, velocity in plan:
         inputs = screen.record("input")
-        inputs.feed_rate, inputs.displacement_velocity = rate, velocity
+        inputs.feed_mass_flow_rate, inputs.displacement_velocity = rate, velocity
         for _ in range(round(20.0 / dt)):
             screen.advance(dt)
         rows.append(products(screen) / screen.balance().fed.to_numpy())

@@ -180,12 +180,12 @@ def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(screen_module, "LEAST_CELLS", cells)
         screen = Screen(config)
         assert screen.layout.dimension["cells"] == cells
-        screen.record("parameter").tolerance = 1e-8
+        screen.record("parameter").solver_tolerance = 1e-8
         screen.switch(closed_cohorts=False)  # they average nothing
         inputs = screen.record("input")
         rows = []
         for k in range(20):
-            inputs.frequency = 15.5 + 0.8 * np.sin(1.3 * k)
+            inputs.motion_frequency = 15.5 + 0.8 * np.sin(1.3 * k)
             screen.advance(2.0)
             rows.append(screen.balance().undersize.to_numpy())
         return np.array(rows) / screen.balance().fed.to_numpy()

@@ -135,7 +135,7 @@ def test_rolling_in_small_steps(name: str, rolling: float) -> None:
 
 
 def test_rolling_is_refused_where_nothing_would_grip() -> None:
-    with pytest.raises(InputError, match=r"rolling = 1 \(ratio\) is outside 0 to 0.95"):
+    with pytest.raises(InputError, match=r"rolling = 1 is out of range \(0 to 0.95\)"):
         conveying_regime(MOTIONS["linear"], 0.0, 0.5, "bed", rolling=1.0)
 
 
