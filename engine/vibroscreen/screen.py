@@ -414,8 +414,10 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, name)[...] = value
 
     put("parameter", [_parameter(config, variable) for variable in PARAMETERS])
-    numbers = settings_of(config)
-    put("limit", [number.limits if number else ENDLESS for number in numbers])
+    put("limit", [number.limits if number else ENDLESS for number in settings_of(config)])
+    # A user's own model has a number beyond those that are built in.
+    most = layout.view(buffer, "limit")[: len(PARAMETERS), 1]
+    most[:] = np.maximum(most, layout.view(buffer, "parameter"))
     put("lower", config.size_classes.lower)
     put("upper", config.size_classes.upper)
     put("edge", config.size_classes.edges)

@@ -7,7 +7,6 @@ in `sections.py`, and the law that reads it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -63,7 +62,7 @@ class Variable:
     def limits(self) -> tuple[float, float]:
         """Least and largest value that the engine takes."""
         if not isinstance(self.entry, Number):
-            return 1.0, math.inf  # which there are is checked with the models
+            return 1.0, float(len(self.entry.meanings))
         least, most = self.entry.limits
         return least - self.entry.slack, most + self.entry.slack
 
@@ -80,7 +79,9 @@ class Variable:
     @property
     def range(self) -> str:
         """The limits in words."""
-        return self.entry.range if isinstance(self.entry, Number) else ""
+        if isinstance(self.entry, Number):
+            return self.entry.range
+        return f"1 to {len(self.entry.names())}"
 
     def cure(self, text: str) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told."""
