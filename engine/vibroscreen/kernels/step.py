@@ -4,8 +4,6 @@
 changed and that the field `refusal` says what was wrong. Python enters by kernels/entry.py.
 """
 
-from __future__ import annotations
-
 from math import isfinite, pi
 
 from vibroscreen.compiler.language import (
