@@ -1,7 +1,5 @@
 """What changed since the last step: scenes and feed are brought up to date, and no more."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, numbers, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import split_classes

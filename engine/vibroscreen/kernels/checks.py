@@ -4,8 +4,6 @@ The limits lie in the buffer beside what they limit; the field of each number sa
 (../sections.py). A code of state.py tells what is wrong; the record `refusal` holds the rest.
 """
 
-from __future__ import annotations
-
 from math import isfinite
 
 from vibroscreen.compiler.language import kernel, view2

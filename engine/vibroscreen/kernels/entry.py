@@ -1,7 +1,5 @@
 """The one door from Python and C into the kernels; one compiled function with all below it."""
 
-from __future__ import annotations
-
 from vibroscreen.kernels import checks, outputs, state, steady, step
 from vibroscreen.kernels.library import entry
 

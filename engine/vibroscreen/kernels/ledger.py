@@ -1,7 +1,5 @@
 """The ledger: what was fed, left and is held, by class; sums that lose nothing (Neumaier)."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import merge_classes

@@ -1,7 +1,5 @@
 """Outputs of a step: streams, recovery, sizes of the cut, bed, power, alarms."""
 
-from __future__ import annotations
-
 from math import pi
 
 from vibroscreen.compiler.language import kernel, record

@@ -3,8 +3,6 @@
 Python uses the formulas one by one, the library without Python calls `plan`.
 """
 
-from __future__ import annotations
-
 from math import ceil, sqrt
 
 from vibroscreen.compiler.language import kernel

@@ -1,7 +1,5 @@
 """What a panel offers to the sub-models: medium, vibration, velocity of its bed."""
 
-from __future__ import annotations
-
 from math import isfinite
 
 from vibroscreen.compiler.language import kernel, numbers, view2

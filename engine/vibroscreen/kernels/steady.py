@@ -4,8 +4,6 @@ No packages are needed: a slice of a lower deck starts empty and takes up what f
 from the knots of the deck above (MODEL.md, "Steady state and batches").
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, numbers, record, view1
 from vibroscreen.kernels import changes, checks, outputs, state, step
 from vibroscreen.kernels.bed import classes, front, travel

@@ -4,8 +4,6 @@
 changed and that the record `refusal` says what was wrong. Python enters by kernels/entry.py.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.cascade import advance_decks, all_covered

@@ -4,13 +4,10 @@ The top deck moves in pieces that depend on nothing below it, so that its stream
 what is below. A deck below moves in parts of a piece, under what fell from the deck above.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import falls, front, queue, ride, travel
+from vibroscreen.kernels.bed import falls, front, package, queue, ride, travel
 from vibroscreen.kernels.bed.deck import advance_top, extend_tail
-from vibroscreen.kernels.bed.package import package_span, queue_slot
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16
@@ -131,18 +128,16 @@ def advance_under(buffer, deck, duration, share, moment, whole):
 @kernel
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
-    falls = state.extent(buffer).falls
-    start = state.vector(buffer, state.AT.landing_start, falls, 0)
-    stop = state.vector(buffer, state.AT.landing_stop, falls, 0)
+    start, stop = falls.landing_places(buffer)
     length = travel.deck_length(buffer, deck)
     rear = ride.queue_rear(buffer, deck)
     if travel.conveys(buffer, deck):
         rear -= 0.5 * duration
-    for package in range(int(state.book(buffer, deck).packages) - 1, -1, -1):
-        front = rear + package_span(buffer, deck, queue_slot(buffer, deck, package))
-        start[package] = min(length, max(0.0, travel.place_after(buffer, deck, rear)))
-        stop[package] = min(length, max(0.0, travel.place_after(buffer, deck, front)))
-        rear = front
+    for row in range(state.book(buffer, deck).packages - 1, -1, -1):
+        ahead = rear + package.span_of(buffer, deck, package.slot_at(buffer, deck, row))
+        start[row] = min(length, max(0.0, travel.place_after(buffer, deck, rear)))
+        stop[row] = min(length, max(0.0, travel.place_after(buffer, deck, ahead)))
+        rear = ahead
 
 
 @kernel
@@ -152,7 +147,7 @@ def pay_rest(buffer, deck):
     A debt that the oversize cannot bear stays until something falls on packages again.
     """
     carry = state.node_vector(buffer, state.AT.carry, deck)
-    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
+    oversize = falls.oversize(buffer, deck)
     for i in range(carry.size):
         paid = max(carry[i], -oversize[i])
         oversize[i] += paid

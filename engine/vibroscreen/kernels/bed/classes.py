@@ -26,8 +26,6 @@ One node leaves the centroid of a class free, so it is good only for narrow clas
 tolerances.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel, record

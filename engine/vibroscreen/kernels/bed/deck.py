@@ -1,36 +1,35 @@
 """A deck through one step."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed import front, package, queue, travel
-from vibroscreen.kernels.numerics.layers import restack
+from vibroscreen.kernels.numerics import vectors
 
 
 @kernel
 def clear_deck(buffer, deck):
     """An empty deck: no cohort; a lower deck is laid out with empty packages of a cell's length."""
     book = state.book(buffer, deck)
-    kept = numbers(book)
-    for i in range(kept.size):
-        kept[i] = 0.0
+    vectors.fill(numbers(book), 0.0)
     book.share = 1.0 if deck == 0 else front.SHARE_BELOW
     free = state.package_vector(buffer, state.AT.free, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
     cells = travel.cell_count(buffer, deck)
     if deck > 0 and free.size > cells:
-        queue = state.package_vector(buffer, state.AT.queue, deck)
         for cell in range(cells - 1, -1, -1):
-            index = package.new_slot(buffer, deck)
             panel = travel.cell_panel(buffer, deck, cell)
-            state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-            state.package_vector(buffer, state.AT.length, deck)[index] = travel.cell_length(
-                buffer, deck, panel
-            )
-            queue[book.packages] = index
-            book.packages += 1
+            length = travel.cell_length(buffer, deck, panel)
+            package.join_back(buffer, deck, empty_package(buffer, deck, panel, length))
+
+
+@kernel
+def empty_package(buffer, deck, panel, length):
+    """A slot with an empty package of a length [m] on a panel."""
+    index = package.new_slot(buffer, deck)
+    package.put_on_panel(buffer, deck, index, panel)
+    package.lengths(buffer, deck)[index] = length
+    return index
 
 
 @kernel
@@ -63,30 +62,23 @@ def advance_top(buffer, duration):
 @kernel
 def extend_tail(buffer, deck, duration):
     """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
-    book = state.book(buffer, deck)
-    length = state.package_vector(buffer, state.AT.length, deck)
-    velocity = travel.panel_velocity(buffer, deck, 0)
-    longest = travel.cell_length(buffer, deck, 0) * package.JOIN
-    fresh = velocity * duration
-    count = book.packages
+    length = package.lengths(buffer, deck)
+    fresh = travel.panel_velocity(buffer, deck, 0) * duration
+    count = state.book(buffer, deck).packages
     if count > 0:
-        tail = package.queue_slot(buffer, deck, count - 1)
+        tail = package.slot_at(buffer, deck, count - 1)
         whole = length[tail] + fresh
+        longest = travel.cell_length(buffer, deck, 0) * package.JOIN
         if package.panel_of(buffer, deck, tail) == 0 and whole <= longest:
-            load = state.column(buffer, state.AT.load, state.slot(buffer, deck, tail))
-            reference = state.node_vector(
-                buffer, state.AT.reference, state.slot(buffer, deck, tail)
-            )
-            used = state.package_vector(buffer, state.AT.layers_used, deck)
+            load = package.column_of(buffer, deck, tail)
+            reference = package.reference_of(buffer, deck, tail)
+            layers = package.layers_of(buffer, deck, tail)
             part = length[tail] / whole
             for i in range(reference.size):
                 reference[i] *= part
-                for j in range(int(used[tail])):
+                for j in range(layers):
                     load[j, i] *= part
-            scene = package.package_scene(buffer, deck, tail)
-            used[tail] = restack(buffer, scene, load, int(used[tail]))
+            package.settle(buffer, deck, tail, layers)
             length[tail] = whole
             return
-    index = package.new_slot(buffer, deck)
-    length[index] = fresh
-    package.join_back(buffer, deck, index)
+    package.join_back(buffer, deck, empty_package(buffer, deck, 0, fresh))

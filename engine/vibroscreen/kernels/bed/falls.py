@@ -1,10 +1,22 @@
-"""What fell from packages with a history lands on the deck below."""
-
-from __future__ import annotations
+"""What leaves a deck, and where what fell from packages with a history lands on the deck below."""
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import knots, travel
+from vibroscreen.kernels.bed import travel
+from vibroscreen.kernels.bed.knots import passed_up_to
+from vibroscreen.kernels.numerics import vectors
+
+
+@kernel
+def undersize(buffer, deck):
+    """What passed a deck in the step, by node, kg."""
+    return state.node_vector(buffer, state.AT.step_mass, deck)
+
+
+@kernel
+def oversize(buffer, deck):
+    """What left over the end of a deck in the step, by node, kg."""
+    return state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
 
 
 @kernel
@@ -14,13 +26,17 @@ def fall_vector(buffer, deck, row):
 
 
 @kernel
+def fall_cohort(buffer, deck):
+    """What fell from the cohort of a deck, by node, kg."""
+    return state.node_vector(buffer, state.AT.fall_cohort, deck)
+
+
+@kernel
 def clear_falls(buffer, deck):
     """Forget what fell from a deck; what falls from now on is steady if the deck is."""
     count = state.vector(buffer, state.AT.fall_count, 4, deck)
     count[0], count[1] = 0.0, state.book(buffer, deck).covered
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
-    for i in range(fallen.size):
-        fallen[i] = 0.0
+    vectors.fill(fall_cohort(buffer, deck), 0.0)
 
 
 @kernel
@@ -34,21 +50,43 @@ def fall_row(buffer, deck, row, start, stop):
     """Begin to record what falls from a package, from its rear and front (riding times, s)."""
     if deck + 1 == state.extent(buffer).decks:
         return
-    falls = state.extent(buffer).falls
-    state.vector(buffer, state.AT.fall_start, falls, deck)[row] = start
-    state.vector(buffer, state.AT.fall_stop, falls, deck)[row] = stop
-    fallen = fall_vector(buffer, deck, row)
-    for i in range(fallen.size):
-        fallen[i] = 0.0
+    rows = state.extent(buffer).falls
+    state.vector(buffer, state.AT.fall_start, rows, deck)[row] = start
+    state.vector(buffer, state.AT.fall_stop, rows, deck)[row] = stop
+    vectors.fill(fall_vector(buffer, deck, row), 0.0)
+
+
+@kernel
+def landing_places(buffer):
+    """Where the packages of a deck start and stop, m."""
+    rows = state.extent(buffer).falls
+    start = state.vector(buffer, state.AT.landing_start, rows, 0)
+    return start, state.vector(buffer, state.AT.landing_stop, rows, 0)
 
 
 @kernel
 def clear_landing(buffer, count):
     """Nothing lands on the packages of a deck."""
     for row in range(count):
-        landing = state.node_vector(buffer, state.AT.landing, row)
-        for i in range(landing.size):
-            landing[i] = 0.0
+        vectors.fill(state.node_vector(buffer, state.AT.landing, row), 0.0)
+
+
+@kernel
+def fall_stretch(buffer, above, row, ridden):
+    """From where to where, m, a record of the deck above falls after it rode on for so many s."""
+    rows = state.extent(buffer).falls
+    start = state.vector(buffer, state.AT.fall_start, rows, above)[row]
+    stop = state.vector(buffer, state.AT.fall_stop, rows, above)[row]
+    low = travel.place_after(buffer, above, start + ridden)
+    high = travel.place_after(buffer, above, stop + ridden)
+    length = travel.deck_length(buffer, above + 1)
+    low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
+    if high <= low:
+        # What a pile before the feed end passes, and what has just left.
+        near = min(travel.cell_length(buffer, above + 1, 0), length)
+        low = 0.0 if low < 0.5 * length else length - near
+        high = low + near
+    return low, high
 
 
 @kernel
@@ -59,22 +97,10 @@ def lay_records(buffer, deck, count, share, moment):
     package is under goes to the nearest one.
     """
     above = deck - 1
-    falls = state.extent(buffer).falls
-    start = state.vector(buffer, state.AT.fall_start, falls, above)
-    stop = state.vector(buffer, state.AT.fall_stop, falls, above)
-    here = state.vector(buffer, state.AT.landing_start, falls, 0)
-    there = state.vector(buffer, state.AT.landing_stop, falls, 0)
-    length = travel.deck_length(buffer, deck)
+    here, there = landing_places(buffer)
     ridden = moment if travel.conveys(buffer, above) else 0.0
     for row in range(int(state.vector(buffer, state.AT.fall_count, 4, above)[0])):
-        low = travel.place_after(buffer, above, start[row] + ridden)
-        high = travel.place_after(buffer, above, stop[row] + ridden)
-        low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
-        if high <= low:
-            # What a pile before the feed end passes, and what has just left.
-            near = min(travel.cell_length(buffer, deck, 0), length)
-            low = 0.0 if low < 0.5 * length else length - near
-            high = low + near
+        low, high = fall_stretch(buffer, above, row, ridden)
         fallen = fall_vector(buffer, above, row)
         left = 1.0
         nearest, gap = -1, 1e300
@@ -89,12 +115,26 @@ def lay_records(buffer, deck, count, share, moment):
                 part = min(overlap, left)
                 left -= part
                 landing = state.node_vector(buffer, state.AT.landing, package)
-                for i in range(landing.size):
-                    landing[i] += part * share * fallen[i]
+                vectors.add(landing, part * share, fallen)
         if left > 0.0 and nearest >= 0:
             landing = state.node_vector(buffer, state.AT.landing, nearest)
-            for i in range(landing.size):
-                landing[i] += left * share * fallen[i]
+            vectors.add(landing, left * share, fallen)
+
+
+@kernel
+def take_due(buffer, deck, share, lies, due):
+    """Share of what fell from the cohort above, less what the deck's own cohort has taken, kg.
+
+    What cannot be laid stays in `carry`, with its sign; `lies`: whether any package is there.
+    """
+    fallen = fall_cohort(buffer, deck - 1)
+    carry = state.node_vector(buffer, state.AT.carry, deck)
+    for i in range(due.size):
+        due[i] = share * fallen[i] + carry[i]
+        carry[i] = 0.0
+        if not lies or due[i] < 0.0:
+            carry[i] = due[i]
+            due[i] = 0.0
 
 
 @kernel
@@ -105,13 +145,7 @@ def lay_cohort(buffer, deck, count, share, moment):
     with its sign, what the deck's own cohort has taken of it.
     """
     above = deck - 1
-    upper = state.book(buffer, above)
-    falls = state.extent(buffer).falls
-    here = state.vector(buffer, state.AT.landing_start, falls, 0)
-    there = state.vector(buffer, state.AT.landing_stop, falls, 0)
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, above)
-    carry = state.node_vector(buffer, state.AT.carry, deck)
-    nodes = fallen.size
+    here, there = landing_places(buffer)
     due = state.node_vector(buffer, state.AT.node_work, 0)
     low = state.node_vector(buffer, state.AT.node_work, 1)
     high = state.node_vector(buffer, state.AT.node_work, 2)
@@ -120,33 +154,25 @@ def lay_cohort(buffer, deck, count, share, moment):
     for package in range(count):
         if there[package] > here[package]:
             last = package
-    for i in range(nodes):
-        due[i] = share * fallen[i] + carry[i]
-        carry[i] = 0.0
-        if last < 0 or due[i] < 0.0:
-            carry[i] = due[i]
-            due[i] = 0.0
+    take_due(buffer, deck, share, last >= 0, due)
     if last < 0:
         return
     front = travel.deck_length(buffer, above)
     if not fell_steadily(buffer, above):
-        ridden = max(0.0, upper.cohort_front - moment)
+        ridden = max(0.0, state.book(buffer, above).cohort_front - moment)
         front = min(front, travel.place_after(buffer, above, ridden))
-    rear = min(front, here[last])
-    knots.passed_up_to(buffer, above, rear, low)
-    knots.passed_up_to(buffer, above, front, whole)
+    passed_up_to(buffer, above, min(front, here[last]), low)
+    passed_up_to(buffer, above, front, whole)
     # The rear package is the last: it starts where the cohort ends; the others follow.
     for package in range(last, -1, -1):
         if there[package] <= here[package] or here[package] >= front:
             continue
-        knots.passed_up_to(buffer, above, min(front, there[package]), high)
+        passed_up_to(buffer, above, min(front, there[package]), high)
         landing = state.node_vector(buffer, state.AT.landing, package)
-        for i in range(nodes):
+        for i in range(due.size):
             rest = whole[i] - low[i]
             part = due[i] * min(1.0, max(0.0, high[i] - low[i]) / rest) if rest > 0.0 else 0.0
             landing[i] += part
             due[i] -= part
             low[i] = max(low[i], high[i])
-    landing = state.node_vector(buffer, state.AT.landing, last)
-    for i in range(nodes):
-        landing[i] += due[i]
+    vectors.add(state.node_vector(buffer, state.AT.landing, last), 1.0, due)

@@ -3,12 +3,10 @@
 A leading slice, cells behind it, and a pile where the bed stands still.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import cohorts, held, knots, package, travel
-from vibroscreen.kernels.numerics import implicit, integrate, parts
+from vibroscreen.kernels.bed import cohorts, falls, held, knots, package, travel
+from vibroscreen.kernels.numerics import implicit, integrate, parts, vectors
 from vibroscreen.kernels.numerics.layers import bed_load, restack
 
 # A feed piles up where it would lie deeper than this part of the deck's length, on a deck that
@@ -19,6 +17,7 @@ PILE_TIME = 300.0
 SHARE_BELOW = 0.25
 
 
+# --- a pile, and the start and the end of a cohort -----------------------------------------------
 @kernel
 def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
@@ -26,7 +25,7 @@ def open_pile(buffer, deck):
     join_queue(buffer, deck)
     index = package.new_slot(buffer, deck)
     length = travel.cell_length(buffer, deck, 0)
-    state.package_vector(buffer, state.AT.length, deck)[index] = length
+    package.lengths(buffer, deck)[index] = length
     package.join_back(buffer, deck, index)
     book.pile_open, book.pile_rear = 1.0, -length
 
@@ -35,10 +34,8 @@ def open_pile(buffer, deck):
 def feed_pile(buffer, deck, index, duration):
     """Set the feed as a source on top of the pile, kg/(m2 s)."""
     source = state.node_vector(buffer, state.AT.source, 0)
-    reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
-    area = (
-        travel.deck_width(buffer, deck) * state.package_vector(buffer, state.AT.length, deck)[index]
-    )
+    reference = package.reference_of(buffer, deck, index)
+    area = package.area_of(buffer, deck, index)
     rate = state.book(buffer, deck).cohort_fed
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
     state.extent(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
@@ -54,21 +51,17 @@ def start_cohort(buffer, deck, rate):
     On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
     """
     book = state.book(buffer, deck)
-    scene = state.scene(buffer, state.AT.scene, deck, 0)
     lead = state.column(buffer, state.AT.lead, deck)
-    partial = state.column(buffer, state.AT.partial, deck)
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-    partial_passed = state.node_vector(buffer, state.AT.partial_passed, deck)
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
     velocity = travel.panel_velocity(buffer, deck, 0)
     load = rate / (travel.deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
-    for j in range(lead.shape[0]):
-        for i in range(fed.size):
-            lead[j, i], partial[j, i] = 0.0, 0.0
+    vectors.clear_rows(lead, 0, lead.shape[0])
+    vectors.clear_rows(state.column(buffer, state.AT.partial, deck), 0, lead.shape[0])
+    for at in (state.AT.lead_passed, state.AT.partial_passed):
+        vectors.fill(state.node_vector(buffer, at, deck), 0.0)
     for i in range(fed.size):
         fed[i] = load * fraction[i]
-        passed[i], partial_passed[i] = 0.0, 0.0
         if deck == 0:
             lead[0, i] = fed[i]
     book.share = 1.0 if deck == 0 else SHARE_BELOW
@@ -76,7 +69,7 @@ def start_cohort(buffer, deck, rate):
     book.cohort_front, book.covered = 0.0, 0.0
     book.lead_panel, book.knots, book.knot = 0.0, 0.0, 0.0
     book.step, book.pace, book.wide, book.partial_layers = 0.0, 0.0, 0.0, 1.0
-    book.lead_layers = restack(buffer, scene, lead, 1)
+    book.lead_layers = restack(buffer, state.scene(buffer, state.AT.scene, deck, 0), lead, 1)
 
 
 @kernel
@@ -94,7 +87,7 @@ def join_queue(buffer, deck):
         package.join_back(buffer, deck, cell[book.cells])
     leader = state.package_vector(buffer, state.AT.leader, deck)
     for place in range(before, book.packages):
-        leader[package.queue_slot(buffer, deck, place)] = leading
+        leader[package.slot_at(buffer, deck, place)] = leading
     book.cohort_on, book.cohort_front, book.covered = 0.0, 0.0, 0.0
     if before > 0 and before < book.packages:
         join_neighbours(buffer, deck, before - 1)
@@ -122,55 +115,45 @@ def append_piece(buffer, deck):
         return
     index = package.new_slot(buffer, deck)
     length = span * travel.panel_velocity(buffer, deck, panel)
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
+    package.put_on_panel(buffer, deck, index, panel)
     if package.in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
-    state.package_vector(buffer, state.AT.length, deck)[index] = length
+    package.lengths(buffer, deck)[index] = length
     package.join_back(buffer, deck, index)
 
 
 @kernel
 def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
-    length = state.package_vector(buffer, state.AT.length, deck)
-    one, two = package.queue_slot(buffer, deck, place), package.queue_slot(buffer, deck, place + 1)
-    leader = state.package_vector(buffer, state.AT.leader, deck)
-    if leader[one] + leader[two] > 0.0:
+    length = package.lengths(buffer, deck)
+    one, two = package.slot_at(buffer, deck, place), package.slot_at(buffer, deck, place + 1)
+    panel = package.panel_of(buffer, deck, one)
+    for k in range(place, place + 2):
+        if package.leader_at(buffer, deck, k) > 0.0:
+            return
+    if panel != package.panel_of(buffer, deck, two):
         return
-    if package.panel_of(buffer, deck, one) != package.panel_of(buffer, deck, two):
-        return
-    loads = held.package_load(buffer, deck, place) + held.package_load(buffer, deck, place + 1)
-    longest = travel.cell_length(buffer, deck, package.panel_of(buffer, deck, one))
+    loads = package.load_of(buffer, deck, one) + package.load_of(buffer, deck, two)
+    longest = travel.cell_length(buffer, deck, panel)
     short = length[one] + length[two] <= longest * package.JOIN
     if (loads == 0.0 and deck == 0) or (short and package.alike(buffer, deck, one, two)):
         package.merge_into(buffer, deck, place)
 
 
+# --- the leading slice ---------------------------------------------------------------------------
 @kernel
-def finish_cell(buffer, deck, index, length):
-    """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
-    book = state.book(buffer, deck)
-    partial = state.column(buffer, state.AT.partial, deck)
-    whole = state.slot(buffer, deck, index)
-    load = state.column(buffer, state.AT.load, whole)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    reference = state.node_vector(buffer, state.AT.reference, whole)
-    passed = state.node_vector(buffer, state.AT.passed, whole)
-    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
-    layers = book.partial_layers
-    for i in range(fed.size):
-        reference[i] = fed[i]
-        passed[i] = collected[i] / length
-        collected[i] = 0.0
-        for j in range(layers):
-            load[j, i] = partial[j, i] / length
-            partial[j, i] = 0.0
-    scene = package.package_scene(buffer, deck, index)
-    state.package_vector(buffer, state.AT.layers_used, deck)[index] = restack(
-        buffer, scene, load, layers
-    )
-    state.package_vector(buffer, state.AT.length, deck)[index] = length
-    book.partial_layers = 1.0
+def on_first_panel(buffer, deck):
+    """Velocity of the leading slice, m/s, and that on the first panel."""
+    panel = state.book(buffer, deck).lead_panel
+    return travel.panel_velocity(buffer, deck, panel), travel.panel_velocity(buffer, deck, 0)
+
+
+@kernel
+def record_from(buffer, deck, place):
+    """Record from a place on what passes of the leading slice, for the deck below."""
+    extent = state.extent(buffer)
+    extent.recorded = deck + 1.0 if deck + 1 < extent.decks else 0.0
+    extent.recorded_from = place
 
 
 @kernel
@@ -180,24 +163,11 @@ def advance_lead(buffer, deck, duration):
     lead_passed is what passed of the slice, as areal mass on the first panel [kg/m2]. With it the
     cohort behind the slice passes width x v x lead_passed [kg/s] at any moment.
     """
-    book = state.book(buffer, deck)
-    panel = book.lead_panel
-    scene = state.scene(buffer, state.AT.scene, deck, panel)
+    book, extent = state.book(buffer, deck), state.extent(buffer)
+    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
     lead = state.column(buffer, state.AT.lead, deck)
-    partial = state.column(buffer, state.AT.partial, deck)
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    time = state.column(buffer, state.AT.column_time, 0)
-    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
-    carry = state.node_vector(buffer, state.AT.carry, deck)
-    velocity = travel.panel_velocity(buffer, deck, panel)
-    first = travel.panel_velocity(buffer, deck, 0)
-    width = travel.deck_width(buffer, deck)
-    on_first = velocity / first if first > 0.0 else 1.0
-    below = deck + 1 < state.extent(buffer).decks
+    velocity, _ = on_first_panel(buffer, deck)
     left = duration
     while left > 0.0:
         step = left
@@ -205,31 +175,74 @@ def advance_lead(buffer, deck, duration):
         if deck > 0:
             step = min(left, knots.lead_source(buffer, deck, place, velocity))
         before = book.lead_layers
-        state.extent(buffer).recorded = deck + 1.0 if below else 0.0
-        state.extent(buffer).recorded_from = place
-        if state.extent(buffer).source_terms == 0.0 and bed_load(lead, before) == 0.0:
+        record_from(buffer, deck, place)
+        if extent.source_terms == 0.0 and bed_load(lead, before) == 0.0:
             integrate.clear_sums(buffer, before)
             book.rows = before
-            if below:
+            if extent.recorded > 0:
                 knots.record_nothing(buffer, place, place + velocity * step)
         else:
             book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, before, step)
-        state.extent(buffer).source_terms, state.extent(buffer).recorded = 0.0, 0.0
-        rows = book.rows
-        for i in range(fed.size):
-            mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
-            undersize[i] += mass
-            before_passed[i] += on_first * passed[i]
-            if below:
-                fallen[i] += mass
-            taken = mass
-            for j in range(rows):
-                partial[j, i] += velocity * time[j, i]
-                taken += width * velocity * time[j, i]
-            if deck > 0:
-                carry[i] -= taken
-        book.partial_layers = max(book.partial_layers, rows)
+        extent.source_terms, extent.recorded = 0.0, 0.0
+        book_lead(buffer, deck, step)
         left -= step
+
+
+@kernel
+def book_lead(buffer, deck, step):
+    """Book what a step of the leading slice means for it and for the cohort behind it."""
+    book = state.book(buffer, deck)
+    velocity, first = on_first_panel(buffer, deck)
+    on_first = velocity / first if first > 0.0 else 1.0
+    width, rows = travel.deck_width(buffer, deck), book.rows
+    partial = state.column(buffer, state.AT.partial, deck)
+    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    passed = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    time = state.column(buffer, state.AT.column_time, 0)
+    undersize, fallen = falls.undersize(buffer, deck), falls.fall_cohort(buffer, deck)
+    carry = state.node_vector(buffer, state.AT.carry, deck)
+    below = deck + 1 < state.extent(buffer).decks
+    for i in range(passed.size):
+        mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
+        undersize[i] += mass
+        before_passed[i] += on_first * passed[i]
+        if below:
+            fallen[i] += mass
+        taken = mass
+        for j in range(rows):
+            partial[j, i] += velocity * time[j, i]
+            taken += width * velocity * time[j, i]
+        if deck > 0:
+            carry[i] -= taken
+    book.partial_layers = max(book.partial_layers, rows)
+
+
+@kernel
+def cross_lead(buffer, deck):
+    """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
+    book = state.book(buffer, deck)
+    panel = book.lead_panel
+    velocity = travel.panel_velocity(buffer, deck, panel)
+    stretch = travel.panel_velocity(buffer, deck, panel + 1) / velocity
+    lead = state.column(buffer, state.AT.lead, deck)
+    layers = book.lead_layers
+    vectors.divide(state.node_vector(buffer, state.AT.lead_feed, deck), lead, layers, stretch)
+    book.lead_panel = panel + 1.0
+    scene = state.scene(buffer, state.AT.scene, deck, panel + 1)
+    book.lead_layers = restack(buffer, scene, lead, layers)
+
+
+# --- cells ---------------------------------------------------------------------------------------
+@kernel
+def new_cell(buffer, deck, panel):
+    """A slot for the next cell of the cohort."""
+    book = state.book(buffer, deck)
+    index = package.new_slot(buffer, deck)
+    package.put_on_panel(buffer, deck, index, panel)
+    state.package_vector(buffer, state.AT.cell, deck)[book.cells] = index
+    book.cells += 1
+    return index
 
 
 @kernel
@@ -240,27 +253,19 @@ def cells_ahead(buffer, deck, duration):
     it takes, s, and whether the last one is finished.
     """
     book = state.book(buffer, deck)
-    ends = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)
-    slots = state.vector(buffer, state.AT.part_slot, state.extent(buffer).packages, 0)
-    cell, panel = state.package_vector(buffer, state.AT.cell, deck), book.lead_panel
+    ends, slots = parts.wanted(buffer)
     count, taken, finished = 0, 0.0, True
     while finished and taken < duration and book.cells < travel.cell_count(buffer, deck):
-        done = book.cells
-        if travel.cell_panel(buffer, deck, done) != panel:
+        if travel.cell_panel(buffer, deck, book.cells) != book.lead_panel:
             break
-        target = travel.cell_end(buffer, deck, done)
+        target = travel.cell_end(buffer, deck, book.cells)
         until = max(0.0, target - book.cohort_front)
         finished = until <= duration or book.cohort_front + duration >= target
         taken = max(taken, min(until, duration))
-        index = package.new_slot(buffer, deck)
-        state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-        passed = state.node_vector(buffer, state.AT.part_passed, count)
-        for i in range(passed.size):
-            passed[i] = 0.0
+        index = new_cell(buffer, deck, book.lead_panel)
+        vectors.fill(state.node_vector(buffer, state.AT.part_passed, count), 0.0)
         ends[count], slots[count] = taken, state.slot(buffer, deck, index)
         count += 1
-        cell[done] = index
-        book.cells += 1
     parts.begin_parts(buffer, count, 0.0)
     return taken, finished
 
@@ -279,9 +284,7 @@ def advance_over_cells(buffer, deck, duration):
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
-    extent = state.extent(buffer)
-    extent.recorded = 1 if deck + 1 < extent.decks else 0
-    extent.recorded_from = travel.place_after(buffer, deck, book.cohort_front)
+    record_from(buffer, deck, travel.place_after(buffer, deck, book.cohort_front))
     layers = book.lead_layers
     book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, taken)
     state.extent(buffer).recorded = 0.0
@@ -292,12 +295,9 @@ def advance_over_cells(buffer, deck, duration):
         begin = collect_cell(buffer, deck, done, done - before, begin)
         if done < last:
             end_cell(buffer, deck, done)
+    velocity, first = on_first_panel(buffer, deck)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    gone = state.node_vector(buffer, state.AT.lead_passed, deck)
-    velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
-    first = travel.panel_velocity(buffer, deck, 0)
-    for i in range(passed.size):
-        gone[i] += velocity / first * passed[i]
+    vectors.add(state.node_vector(buffer, state.AT.lead_passed, deck), velocity / first, passed)
     if finished:
         book.cohort_front = travel.cell_end(buffer, deck, last)
         end_cell(buffer, deck, last)
@@ -312,16 +312,14 @@ def collect_cell(buffer, deck, cell, part, begin):
     """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
     book = state.book(buffer, deck)
     index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
-    end = state.vector(buffer, state.AT.part_end, state.extent(buffer).packages, 0)[part]
-    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
+    end = parts.wanted(buffer)[0][part]
+    load = package.column_of(buffer, deck, index)
     partial = state.column(buffer, state.AT.partial, deck)
     time = state.node_vector(buffer, state.AT.part_passed, part)
     before = state.node_vector(buffer, state.AT.lead_passed, deck)
-    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
+    undersize, fallen = falls.undersize(buffer, deck), falls.fall_cohort(buffer, deck)
     collected = state.node_vector(buffer, state.AT.partial_passed, deck)
-    panel = package.panel_of(buffer, deck, index)
-    velocity = travel.panel_velocity(buffer, deck, panel)
+    velocity = package.velocity_of(buffer, deck, index)
     first = travel.panel_velocity(buffer, deck, 0)
     rows, width = book.rows, travel.deck_width(buffer, deck)
     implicit.carry_debts(time, load, rows)
@@ -338,24 +336,40 @@ def collect_cell(buffer, deck, cell, part, begin):
 
 
 @kernel
-def cross_lead(buffer, deck):
-    """Move the leading slice to the next panel: it gets longer with the velocity, and thinner."""
+def finish_cell(buffer, deck, index, length):
+    """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
     book = state.book(buffer, deck)
-    panel = book.lead_panel
-    velocity = travel.panel_velocity(buffer, deck, panel)
-    stretch = travel.panel_velocity(buffer, deck, panel + 1) / velocity
-    lead = state.column(buffer, state.AT.lead, deck)
+    partial = state.column(buffer, state.AT.partial, deck)
+    load = package.column_of(buffer, deck, index)
+    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
+    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
+    layers = book.partial_layers
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    layers = book.lead_layers
-    for i in range(fed.size):
-        fed[i] /= stretch
+    vectors.copy(package.reference_of(buffer, deck, index), fed)
+    for i in range(passed.size):
+        passed[i] = collected[i] / length
         for j in range(layers):
-            lead[j, i] /= stretch
-    book.lead_panel = panel + 1.0
-    scene = state.scene(buffer, state.AT.scene, deck, panel + 1)
-    book.lead_layers = restack(buffer, scene, lead, layers)
+            load[j, i] = partial[j, i] / length
+    vectors.fill(collected, 0.0)
+    vectors.clear_rows(partial, 0, layers)
+    package.settle(buffer, deck, index, layers)
+    package.lengths(buffer, deck)[index] = length
+    book.partial_layers = 1.0
 
 
+@kernel
+def end_cell(buffer, deck, cell):
+    """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
+    panel = travel.cell_panel(buffer, deck, cell)
+    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
+    finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
+    if cell + 1 == travel.cell_count(buffer, deck):
+        state.book(buffer, deck).covered = 1.0
+    elif travel.cell_panel(buffer, deck, cell + 1) != panel:
+        cross_lead(buffer, deck)
+
+
+# --- the cohort ----------------------------------------------------------------------------------
 @kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
@@ -363,28 +377,23 @@ def stream_of_covered_deck(buffer, deck, duration):
     if not package.in_cells(buffer, deck):
         return
     last = travel.panel_count(buffer, deck) - 1
-    passing = travel.deck_width(buffer, deck) * travel.panel_velocity(buffer, deck, 0) * duration
-    leaving = travel.deck_width(buffer, deck) * travel.panel_velocity(buffer, deck, last) * duration
-    undersize = state.node_vector(buffer, state.AT.step_mass, deck)
-    oversize = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
-    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-    lead = state.column(buffer, state.AT.lead, deck)
-    layered = state.extent(buffer).layered > 0
-    if layered and held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck):
+    width = travel.deck_width(buffer, deck)
+    passing = width * travel.panel_velocity(buffer, deck, 0) * duration
+    leaving = width * travel.panel_velocity(buffer, deck, last) * duration
+    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
+    if state.extent(buffer).layered > 0 and deep:
         book.capacity_alarm = 1.0
-    for i in range(passed.size):
-        undersize[i] += passing * passed[i]
-        fallen[i] += passing * passed[i]
-        for j in range(book.lead_layers):
-            oversize[i] += leaving * lead[j, i]
+    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    vectors.add(falls.undersize(buffer, deck), passing, passed)
+    vectors.add(falls.fall_cohort(buffer, deck), passing, passed)
+    lead = state.column(buffer, state.AT.lead, deck)
+    vectors.add_rows(falls.oversize(buffer, deck), leaving, lead, book.lead_layers)
 
 
 @kernel
 def time_to_cover(buffer, deck):
     """Time until the cohort covers the deck, s."""
-    book = state.book(buffer, deck)
-    return travel.residence_time(buffer, deck) - book.cohort_front
+    return travel.residence_time(buffer, deck) - state.book(buffer, deck).cohort_front
 
 
 @kernel
@@ -404,16 +413,21 @@ def grow_cohort(buffer, deck, duration):
 
 
 @kernel
+def reach(book, target, duration):
+    """Move the front towards a riding time, s; returns the time it took and whether it is there."""
+    until = max(0.0, target - book.cohort_front)
+    there = until <= duration or book.cohort_front + duration >= target
+    book.cohort_front = target if there else book.cohort_front + duration
+    return min(until, duration), there
+
+
+@kernel
 def grow_empty(buffer, deck, duration):
     """Advance the front of a cohort without feed; returns the time it took, s."""
     book = state.book(buffer, deck)
-    target = travel.residence_time(buffer, deck)
-    until = max(0.0, target - book.cohort_front)
-    if until > duration and book.cohort_front + duration < target:
-        book.cohort_front += duration
-        return duration
-    book.cohort_front, book.covered = target, 1.0
-    return min(until, duration)
+    taken, there = reach(book, travel.residence_time(buffer, deck), duration)
+    book.covered = 1.0 if there else 0.0
+    return taken
 
 
 @kernel
@@ -422,31 +436,11 @@ def grow_cell(buffer, deck, duration):
     book = state.book(buffer, deck)
     done = book.cells
     target = travel.cell_end(buffer, deck, done)
-    until = max(0.0, target - book.cohort_front)
-    step = min(duration, until)
+    step = min(duration, max(0.0, target - book.cohort_front))
     if step > 0.0:
         advance_lead(buffer, deck, step)
-    if until > duration and book.cohort_front + duration < target:
-        book.cohort_front += duration
-        return step
-    book.cohort_front = target
-    index = package.new_slot(buffer, deck)
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = travel.cell_panel(
-        buffer, deck, done
-    )
-    state.package_vector(buffer, state.AT.cell, deck)[done] = index
-    book.cells += 1
-    end_cell(buffer, deck, done)
+    _, there = reach(book, target, duration)
+    if there:
+        new_cell(buffer, deck, travel.cell_panel(buffer, deck, done))
+        end_cell(buffer, deck, done)
     return step
-
-
-@kernel
-def end_cell(buffer, deck, cell):
-    """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
-    panel = travel.cell_panel(buffer, deck, cell)
-    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
-    finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
-    if cell + 1 == travel.cell_count(buffer, deck):
-        state.book(buffer, deck).covered = 1.0
-    elif travel.cell_panel(buffer, deck, cell + 1) != panel:
-        cross_lead(buffer, deck)

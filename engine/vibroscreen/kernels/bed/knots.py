@@ -7,8 +7,6 @@ Two ways, both conservative:
       packages below that are under it in the middle of the step.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import deck_length, deck_width, panel_velocity

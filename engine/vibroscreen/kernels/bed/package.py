@@ -1,11 +1,10 @@
 """Packages of a deck: slots, neighbours, merging."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.travel import conveys, panel_velocity
-from vibroscreen.kernels.numerics.layers import restack
+from vibroscreen.kernels.bed import travel
+from vibroscreen.kernels.numerics import vectors
+from vibroscreen.kernels.numerics.layers import bed_load, restack
 
 # A package moved by less than this part of a length has moved by round-off.
 MOMENT = 1e-9
@@ -13,6 +12,89 @@ MOMENT = 1e-9
 JOIN = 1.0 + 1e-9
 
 
+# --- what a slot holds ---------------------------------------------------------------------------
+@kernel
+def lengths(buffer, deck):
+    """Lengths of the packages of a deck by slot, m."""
+    return state.package_vector(buffer, state.AT.length, deck)
+
+
+@kernel
+def layers_of(buffer, deck, index):
+    """Number of layers of a package."""
+    return int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
+
+
+@kernel
+def column_of(buffer, deck, index):
+    """Loads of a package [layer, node], kg/m2."""
+    return state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
+
+
+@kernel
+def reference_of(buffer, deck, index):
+    """What was fed to a package by node, the measure of its errors, kg/m2."""
+    return state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
+
+
+@kernel
+def pace_of(buffer, deck, index):
+    """Steps and order of the integration that a package goes on with."""
+    return state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, index))
+
+
+@kernel
+def load_of(buffer, deck, index):
+    """Areal mass of a package, kg/m2."""
+    return bed_load(column_of(buffer, deck, index), layers_of(buffer, deck, index))
+
+
+@kernel
+def area_of(buffer, deck, index):
+    """Plan area of a package, m2."""
+    return travel.deck_width(buffer, deck) * lengths(buffer, deck)[index]
+
+
+@kernel
+def panel_of(buffer, deck, index):
+    """Panel on which a package counts: that of its middle."""
+    return int(state.package_vector(buffer, state.AT.on_panel, deck)[index])
+
+
+@kernel
+def put_on_panel(buffer, deck, index, panel):
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
+
+
+@kernel
+def scene_of(buffer, deck, index):
+    """Scene of the panel on which a package counts."""
+    return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
+
+
+@kernel
+def velocity_of(buffer, deck, index):
+    """Velocity of a package, m/s."""
+    return travel.panel_velocity(buffer, deck, panel_of(buffer, deck, index))
+
+
+@kernel
+def span_of(buffer, deck, index):
+    """Riding time from the rear to the front of a package, s; its length where all stands still."""
+    velocity = velocity_of(buffer, deck, index)
+    length = lengths(buffer, deck)[index]
+    return length / velocity if velocity > 0.0 else length
+
+
+@kernel
+def settle(buffer, deck, index, layers):
+    """Restack a package that has so many layers."""
+    load = column_of(buffer, deck, index)
+    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    used[index] = restack(buffer, scene_of(buffer, deck, index), load, layers)
+
+
+# --- slots and the queue -------------------------------------------------------------------------
 @kernel
 def bed_capacity(buffer, deck):
     """Depth that `bed.layers` layers together hold, m; also where a model has none of its own."""
@@ -42,20 +124,13 @@ def new_slot(buffer, deck):
     if free_slots(buffer, deck) == 0:
         merge_likest(buffer, deck)
     index = int(state.package_vector(buffer, state.AT.free, deck)[free_slots(buffer, deck) - 1])
-    whole = state.slot(buffer, deck, index)
-    load = state.column(buffer, state.AT.load, whole)
-    reference = state.node_vector(buffer, state.AT.reference, whole)
-    for i in range(reference.size):
-        reference[i] = 0.0
-        for j in range(load.shape[0]):
-            load[j, i] = 0.0
-    state.package_vector(buffer, state.AT.leader, deck)[index] = 0.0
-    state.package_vector(buffer, state.AT.length, deck)[index] = 0.0
+    load = column_of(buffer, deck, index)
+    vectors.fill(reference_of(buffer, deck, index), 0.0)
+    vectors.clear_rows(load, 0, load.shape[0])
+    for at in (state.AT.leader, state.AT.length, state.AT.on_panel):
+        state.package_vector(buffer, at, deck)[index] = 0.0
     state.package_vector(buffer, state.AT.layers_used, deck)[index] = 1.0
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = 0.0
-    pace = state.vector(buffer, state.AT.pace, 4, whole)
-    book = state.book(buffer, deck)
-    keep_pace(book, pace)
+    keep_pace(state.book(buffer, deck), pace_of(buffer, deck, index))
     return index
 
 
@@ -72,7 +147,7 @@ def use_pace(book, pace):
 
 
 @kernel
-def queue_slot(buffer, deck, place):
+def slot_at(buffer, deck, place):
     """Slot of the package at a place of the queue."""
     return int(state.package_vector(buffer, state.AT.queue, deck)[place])
 
@@ -96,54 +171,27 @@ def leave_queue(buffer, deck, place):
         queue[k] = queue[k + 1]
 
 
-@kernel
-def panel_of(buffer, deck, index):
-    """Panel on which a package counts: that of its middle."""
-    return int(state.package_vector(buffer, state.AT.on_panel, deck)[index])
-
-
-@kernel
-def package_scene(buffer, deck, index):
-    """Scene of the panel on which a package counts."""
-    return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
-
-
-@kernel
-def package_velocity(buffer, deck, index):
-    """Velocity of a package, m/s."""
-    return panel_velocity(buffer, deck, panel_of(buffer, deck, index))
-
-
-@kernel
-def package_span(buffer, deck, index):
-    """Riding time from the rear to the front of a package, s; its length where all stands still."""
-    velocity = package_velocity(buffer, deck, index)
-    length = state.package_vector(buffer, state.AT.length, deck)[index]
-    return length / velocity if velocity > 0.0 else length
-
-
+# --- merging -------------------------------------------------------------------------------------
 @kernel
 def merge_into(buffer, deck, place):
     """Merge the package behind `place` into the one at `place`, layer by layer, conservatively."""
-    keep, gone = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
-    length = state.package_vector(buffer, state.AT.length, deck)
-    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    keep, gone = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)
+    length = lengths(buffer, deck)
     stretch = 1.0  # of what comes from another panel
-    if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and conveys(buffer, deck):
-        velocity = package_velocity(buffer, deck, keep)
-        stretch = velocity / package_velocity(buffer, deck, gone)
+    if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and travel.conveys(
+        buffer, deck
+    ):
+        stretch = velocity_of(buffer, deck, keep) / velocity_of(buffer, deck, gone)
     whole = length[keep] + stretch * length[gone]
     if whole > 0.0:
-        load = state.column(buffer, state.AT.load, state.slot(buffer, deck, keep))
-        more = state.column(buffer, state.AT.load, state.slot(buffer, deck, gone))
-        reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, keep))
-        fed = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, gone))
-        layers = int(max(used[keep], used[gone]))
+        load, more = column_of(buffer, deck, keep), column_of(buffer, deck, gone)
+        reference, fed = reference_of(buffer, deck, keep), reference_of(buffer, deck, gone)
+        layers = max(layers_of(buffer, deck, keep), layers_of(buffer, deck, gone))
         for i in range(reference.size):
             reference[i] = (length[keep] * reference[i] + length[gone] * fed[i]) / whole
             for j in range(layers):
                 load[j, i] = (length[keep] * load[j, i] + length[gone] * more[j, i]) / whole
-        used[keep] = restack(buffer, package_scene(buffer, deck, keep), load, layers)
+        settle(buffer, deck, keep, layers)
         length[keep] = whole
     leave_queue(buffer, deck, place + 1)
     state.counters(buffer).merges += 1.0
@@ -152,12 +200,9 @@ def merge_into(buffer, deck, place):
 @kernel
 def unlikeness(buffer, deck, one, two):
     """How much two packages differ: largest difference of a node, as a part of what was fed."""
-    used = state.package_vector(buffer, state.AT.layers_used, deck)
-    load = state.column(buffer, state.AT.load, state.slot(buffer, deck, one))
-    other = state.column(buffer, state.AT.load, state.slot(buffer, deck, two))
-    reference = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, one))
-    fed = state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, two))
-    layers = int(max(used[one], used[two]))
+    load, other = column_of(buffer, deck, one), column_of(buffer, deck, two)
+    reference, fed = reference_of(buffer, deck, one), reference_of(buffer, deck, two)
+    layers = max(layers_of(buffer, deck, one), layers_of(buffer, deck, two))
     worst = 0.0
     for i in range(reference.size):
         difference = 0.0
@@ -176,17 +221,17 @@ def merge_likest(buffer, deck):
     Rates are smooth, so what mixing changes is of second order in the difference.
     """
     book = state.book(buffer, deck)
-    length = state.package_vector(buffer, state.AT.length, deck)
+    length = lengths(buffer, deck)
     best, least = 0, 1e300
     for place in range(book.packages - 1):
-        one, two = queue_slot(buffer, deck, place), queue_slot(buffer, deck, place + 1)
+        one, two = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)
         together = length[one] + length[two]
         weight = length[one] * length[two] / together if together > 0.0 else 0.0
         # Length breaks the tie of packages that are alike.
         cost = unlikeness(buffer, deck, one, two) ** 2 * weight + 1e-12 * together
         if cost < least:
             best, least = place, cost
-    one, two = queue_slot(buffer, deck, best), queue_slot(buffer, deck, best + 1)
+    one, two = slot_at(buffer, deck, best), slot_at(buffer, deck, best + 1)
     if not alike(buffer, deck, one, two):
         book.capacity_alarm = 1.0
     merge_into(buffer, deck, best)
@@ -195,19 +240,22 @@ def merge_likest(buffer, deck):
 @kernel
 def alike(buffer, deck, one, two):
     """Whether mixing two packages changes a recovery by less than the tolerance."""
-    tolerance = state.parameters(buffer).solver_tolerance
-    return unlikeness(buffer, deck, one, two) ** 2 <= tolerance
+    return unlikeness(buffer, deck, one, two) ** 2 <= state.parameters(buffer).solver_tolerance
+
+
+# --- closed cohorts ------------------------------------------------------------------------------
+@kernel
+def leader_at(buffer, deck, place):
+    """What `leader` says of the package at a place of the queue."""
+    return state.package_vector(buffer, state.AT.leader, deck)[slot_at(buffer, deck, place)]
 
 
 @kernel
 def cohort_end(buffer, deck, place):
     """Place behind the last part of the closed cohort whose first part is at `place`."""
-    leader = state.package_vector(buffer, state.AT.leader, deck)
-    name = leader[queue_slot(buffer, deck, place)]
+    name = leader_at(buffer, deck, place)
     end = place + 1
-    while end < int(state.book(buffer, deck).packages):
-        if leader[queue_slot(buffer, deck, end)] != name:
-            break
+    while end < state.book(buffer, deck).packages and leader_at(buffer, deck, end) == name:
         end += 1
     return end
 
@@ -215,15 +263,11 @@ def cohort_end(buffer, deck, place):
 @kernel
 def part_cohort(buffer, deck, place):
     """From now on the parts of the closed cohort at `place` are packages of their own."""
+    index = int(leader_at(buffer, deck, place)) - 1
     leader = state.package_vector(buffer, state.AT.leader, deck)
-    first = queue_slot(buffer, deck, place)
-    index = int(leader[first]) - 1
-    pace = state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, index))
     for k in range(place, cohort_end(buffer, deck, place)):
-        part = queue_slot(buffer, deck, k)
-        kept = state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, part))
-        for n in range(pace.size):
-            kept[n] = pace[n]
+        part = slot_at(buffer, deck, k)
+        vectors.copy(pace_of(buffer, deck, part), pace_of(buffer, deck, index))
         leader[part] = 0.0
     give_back(buffer, deck, index)
     state.book(buffer, deck).leaders -= 1.0
@@ -232,11 +276,8 @@ def part_cohort(buffer, deck, place):
 @kernel
 def part_cohorts(buffer, deck):
     """Part all closed cohorts of a deck: what comes is not the same for all of each."""
-    for place in range(int(state.book(buffer, deck).packages)):
-        if (
-            state.package_vector(buffer, state.AT.leader, deck)[queue_slot(buffer, deck, place)]
-            > 0.0
-        ):
+    for place in range(state.book(buffer, deck).packages):
+        if leader_at(buffer, deck, place) > 0.0:
             part_cohort(buffer, deck, place)
 
 

@@ -1,7 +1,5 @@
 """The packages behind the front of the feed, one after the other."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed import cohorts, falls, front, package, ride, travel
@@ -17,28 +15,26 @@ def advance_queue(buffer, deck, duration):
     if deck > 0 and travel.conveys(buffer, deck):
         rear -= duration
     for place in range(count - 1, 0, -1):
-        rear += package.package_span(buffer, deck, package.queue_slot(buffer, deck, place))
+        rear += package.span_of(buffer, deck, package.slot_at(buffer, deck, place))
     gone, followed = 0, 0
     for place in range(count):
-        index = package.queue_slot(buffer, deck, place)
-        pile = place == count - 1 and book.pile_open > 0.0
-        if place >= followed and state.package_vector(buffer, state.AT.leader, deck)[index] > 0.0:
+        index = package.slot_at(buffer, deck, place)
+        if place >= followed and package.leader_at(buffer, deck, place) > 0.0:
             followed = cohorts.follow_cohort(buffer, deck, place, rear, duration)
         behind = 0.0
         if place + 1 < count:
-            behind = package.package_span(buffer, deck, package.queue_slot(buffer, deck, place + 1))
-        falls.fall_row(buffer, deck, place, rear, rear + package.package_span(buffer, deck, index))
+            behind = package.span_of(buffer, deck, package.slot_at(buffer, deck, place + 1))
+        span = package.span_of(buffer, deck, index)
+        falls.fall_row(buffer, deck, place, rear, rear + span)
         if place < followed:
             cohorts.take_part(buffer, deck, index, place, followed - 1 - place)
-        elif pile:
+        elif place == count - 1 and book.pile_open > 0.0:
             front.feed_pile(buffer, deck, index, duration)
             ride.ride(buffer, deck, index, place, duration)
             state.extent(buffer).source_terms = 0.0
-        elif (
-            ride.advance_package(buffer, deck, index, place, rear, duration) <= 0.0
-            and place == gone
-        ):
-            gone += 1
+        else:
+            left = ride.advance_package(buffer, deck, index, place, rear, duration)
+            gone += 1 if left <= 0.0 and place == gone else 0
         rear -= behind
     state.vector(buffer, state.AT.fall_count, 4, deck)[0] = count
     for _ in range(gone):

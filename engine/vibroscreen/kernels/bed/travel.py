@@ -4,8 +4,6 @@ The riding time is what a package needs from the feed end to a place, s. A deck 
 its panels or on none.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 

@@ -4,8 +4,6 @@ A block is what passed, the loads of the layers, and the composition of the top 
 it, as vectors over the sizes that take part, a multiple of four.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
 from vibroscreen.compiler.language import kernel, view1, view2
 from vibroscreen.kernels import state

@@ -1,7 +1,5 @@
 """A chain of four to ten stages, order 3, where stability asks for short steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vibroscreen.compiler.fours import four, put_four
@@ -59,7 +57,7 @@ CHAIN_STABLE = CHAIN_TABLE[:, 19].copy()
 
 @kernel
 def chain_stage(buffer, last, h_last, h_first, size):
-    """Next stage of the chain, y + h_last k_last + h_first k1, into blocks.STAGED."""
+    """Next stage of the chain, y + h_last k_last + h_first k1, into STAGED."""
     y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
     k, k1 = blocks.stage(buffer, last), blocks.stage(buffer, blocks.K1)
     if h_first == 0.0:
@@ -72,7 +70,7 @@ def chain_stage(buffer, last, h_last, h_first, size):
 
 @kernel
 def chain_end(buffer, stage, h, row, size):
-    """Solution of the chain from the rates of its last three stages, into blocks.STAGED."""
+    """Solution of the chain from the rates of its last three stages, into STAGED."""
     y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
     k1, k2 = blocks.stage(buffer, stage[1]), blocks.stage(buffer, stage[2])
     k3 = blocks.stage(buffer, stage[3])

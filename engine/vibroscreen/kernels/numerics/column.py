@@ -1,7 +1,5 @@
 """A column of the bed for the schemes: the sizes that take part, in blocks (MODEL.md, "Rates")."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import in_fours
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
@@ -180,37 +178,49 @@ def fill_block(buffer, load, reference, layers, coarse):
 
 
 @kernel
+def add_spread(buffer, to, load, rows):
+    """Add the rows of a block to those of a column."""
+    place = state.node_vector(buffer, state.AT.place, 0)
+    share = state.node_vector(buffer, state.AT.share, 0)
+    # Most sizes keep their places: plain sums, which are fast.
+    straight = places_kept(place)
+    for j in range(rows):
+        for i in range(straight):
+            to[j, i] += share[i] * load[j, i]
+        for i in range(straight, place.size):
+            n = int(place[i])
+            if n >= 0:
+                to[j, i] += share[i] * load[j, n]
+
+
+@kernel
 def scatter(buffer, load, layers, rows, elapsed):
     """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
     nodes = load.shape[1]
     place = state.node_vector(buffer, state.AT.place, 0)
     share = state.node_vector(buffer, state.AT.share, 0)
     now = blocks.stage_load(buffer, blocks.NOW)
-    integral = blocks.stage_load(buffer, blocks.INTEGRAL)
     gone = blocks.stage_passed(buffer, blocks.NOW)
     gone_time = blocks.stage_passed(buffer, blocks.INTEGRAL)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
     passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    time = state.column(buffer, state.AT.column_time, 0)
     for i in range(nodes):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
-        if n < 0:
-            continue
-        passed[i] += share[i] * gone[n]
-        passed_time[i] += share[i] * gone_time[n]
-    # Most sizes keep their places: plain copies, which are fast.
+        if n >= 0:
+            passed[i] += share[i] * gone[n]
+            passed_time[i] += share[i] * gone_time[n]
     straight = places_kept(place)
     for j in range(rows):
         left = 1.0 if j < layers else 0.0
         for i in range(straight):
             load[j, i] = left * (share[i] * now[j, i])
-            time[j, i] += share[i] * integral[j, i]
         for i in range(straight, nodes):
             n = int(place[i])
             if n >= 0:
                 load[j, i] = left * (share[i] * now[j, n])
-                time[j, i] += share[i] * integral[j, n]
+    time = state.column(buffer, state.AT.column_time, 0)
+    add_spread(buffer, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
 
 @kernel

@@ -12,8 +12,6 @@ Series are those of Taylor, and of artanh for the logarithm, after the argument 
 zero; what rounding leaves over is carried along where a digit depends on it.
 """
 
-from __future__ import annotations
-
 from math import factorial
 
 from vibroscreen.compiler.language import bits_of, kernel, number_of

@@ -1,7 +1,5 @@
 """What the explicit schemes share: errors, and taking a step (MODEL.md, "Explicit schemes")."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import all_four, apart, four, larger, largest, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state

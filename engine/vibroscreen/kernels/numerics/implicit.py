@@ -3,8 +3,6 @@
 Of first order whatever its length; extrapolated to higher ones.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, rates
@@ -84,7 +82,7 @@ def basic_step(buffer, scene, k, layers, h, moment):
 
 @kernel
 def run_trial(buffer, scene, k, layers, rows, h, moment):
-    """k + 1 basic steps over h from blocks.NOW into trial k, which uses at most `rows` layers."""
+    """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = blocks.stage(buffer, blocks.NOW)
     column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
     nodes = state.extent(buffer).active

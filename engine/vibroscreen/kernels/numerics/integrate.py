@@ -1,7 +1,5 @@
 """A column through a time: steps of the cheapest scheme until it is over."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.knots import record_knot
@@ -95,7 +93,7 @@ def advance_block(buffer, scene, book, step, layers):
 
 @kernel
 def rates_now(buffer, scene, layers, moment):
-    """Rates of the block NOW into blocks.K1."""
+    """Rates of the block NOW into K1."""
     rates.keep_top_share(buffer, layers)
     rates.column_rates(buffer, scene, blocks.NOW, layers, blocks.K1, moment)
 

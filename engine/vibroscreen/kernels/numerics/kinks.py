@@ -1,7 +1,5 @@
 """Where the rates have a kink: a layer runs out or is filled, and what a step may miss it by."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel
@@ -135,5 +133,5 @@ def settle_top(buffer, scene, layers, growth):
 
 @kernel
 def top_growth(buffer, layers):
-    """What the top layer gains, kg/(m2 s), by the rates in blocks.K1."""
+    """What the top layer gains, kg/(m2 s), by the rates in K1."""
     return layer_mass(blocks.stage_load(buffer, blocks.K1), layers - 1)

@@ -1,7 +1,5 @@
 """Layers of a column: full loads, restacking, cover."""
 
-from __future__ import annotations
-
 from math import ceil
 
 from vibroscreen.compiler.language import kernel, view2

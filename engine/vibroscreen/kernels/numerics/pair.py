@@ -1,7 +1,5 @@
 """The pair of Dormand and Prince, order 5 with an embedded 4: accuracy asks for short steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vibroscreen.compiler.fours import four, put_four
@@ -28,7 +26,7 @@ I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
 
 @kernel
 def stage_value(buffer, stage, h, size):
-    """Column at a stage 2 to 7 into blocks.STAGED; that of stage 7 is the solution of order 5."""
+    """Column at a stage 2 to 7 into STAGED; that of stage 7 is the solution of order 5."""
     y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
     k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K2)
     k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)

@@ -6,8 +6,6 @@ into a compact block without the sizes that take no part and scattered back. Sub
 one place here moves mass, `column_rates`, and every sum is kept to round-off.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import (
     all_four,
     four,

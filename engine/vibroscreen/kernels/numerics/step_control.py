@@ -1,7 +1,5 @@
 """How long a step may be: scheme, length, safety (MODEL.md, "Step control")."""
 
-from __future__ import annotations
-
 from math import ceil, sqrt
 
 from vibroscreen.compiler.language import kernel

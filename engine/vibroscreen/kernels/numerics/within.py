@@ -1,7 +1,5 @@
 """Values and integrals within a step that was taken, by its polynomial."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
@@ -9,7 +7,7 @@ from vibroscreen.kernels.numerics import blocks, explicit, pair
 from vibroscreen.kernels.physics.layer import layer_mass
 
 
-# With d = blocks.STAGED - y the column at the part t of an explicit step is, to order 4,
+# With d = STAGED - y the column at the part t of an explicit step is, to order 4,
 #   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
 # or to order 3 without the last term, which is that of the pair.
 @kernel

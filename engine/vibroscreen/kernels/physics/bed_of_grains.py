@@ -1,7 +1,5 @@
 """Mean velocity of a bed of grains, fitted to particle simulations (MODEL.md, "Displacement")."""
 
-from __future__ import annotations
-
 import math
 
 from vibroscreen.compiler.language import kernel, view1, view2

@@ -1,7 +1,5 @@
 """Passage by many tries: grains of a thrown bed bounce until they fall (MODEL.md, "Bounce")."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel

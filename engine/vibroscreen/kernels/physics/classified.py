@@ -1,7 +1,5 @@
 """The finest grains lie on the screen, mixed."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.layer import NOTHING, layer_mass
 

@@ -1,7 +1,5 @@
 """How passage and percolation follow from the vibration (MODEL.md, "Closures in the vibration")."""
 
-from __future__ import annotations
-
 from math import pi, sqrt
 
 from vibroscreen.compiler.language import kernel

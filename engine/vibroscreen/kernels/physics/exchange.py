@@ -1,7 +1,5 @@
 """The paper's improved separation: a layer is a screen for what lies above it."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import four, larger, put_four_in
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics import layer, packing

@@ -1,7 +1,5 @@
 """Gaudin's chance to pass an opening (eq. 5)."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 
 

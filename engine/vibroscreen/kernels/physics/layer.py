@@ -1,7 +1,5 @@
 """Sums over a layer of the bed, four sizes side by side."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.fours import all_four, four, four_in, total
 from vibroscreen.compiler.language import kernel
 

@@ -1,7 +1,5 @@
 """Motion of the deck along and normal to a panel, as harmonics (MODEL.md, "Displacement")."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, own_model
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics.elementary import cos, sin, sine_cosine

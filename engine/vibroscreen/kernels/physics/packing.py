@@ -1,7 +1,5 @@
 """The gap between packed grains, opened by shaking (the paper's amended formulas)."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel

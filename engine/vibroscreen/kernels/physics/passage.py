@@ -6,8 +6,6 @@ reads node sizes in m (ascending), the mass fractions F_0 in the contact layer a
 panel, and writes P_i.
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, own_model
 from vibroscreen.kernels import state
 from vibroscreen.kernels.physics import bounce, gaudin, pelevin

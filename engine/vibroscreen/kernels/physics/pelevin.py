@@ -1,7 +1,5 @@
 """Pelevin's chance to pass beside finer grains (eq. 6), linear in time by sums over sizes."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.gaudin import stop_coarse
 

@@ -1,7 +1,5 @@
 """The velocity that the user gives."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics import motion, rigid_body
 

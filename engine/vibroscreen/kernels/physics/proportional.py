@@ -1,7 +1,5 @@
 """The paper's original model: a part of the bed is sorted, the rest mixed."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics import classified, layer
 

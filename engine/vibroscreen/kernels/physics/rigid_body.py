@@ -1,7 +1,5 @@
 """Mean velocity of a rigid body on a vibrating rough plane (Blekhman; MODEL.md, "Displacement")."""
 
-from __future__ import annotations
-
 import math
 
 from vibroscreen.compiler.language import kernel, view1, view2

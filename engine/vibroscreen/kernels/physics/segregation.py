@@ -5,8 +5,6 @@
 writes the contact weights [m2/kg] and the percolation downwards [1/s].
 """
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel, own_model
 from vibroscreen.kernels import state
 from vibroscreen.kernels.physics import classified, exchange, proportional, well_mixed

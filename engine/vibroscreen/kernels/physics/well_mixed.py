@@ -1,7 +1,5 @@
 """The classical model: every layer has the composition of the bed."""
 
-from __future__ import annotations
-
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels.physics.layer import layer_mass, mix_contact
 

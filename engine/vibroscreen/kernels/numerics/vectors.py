@@ -1,0 +1,63 @@
+"""Vectors and the rows of columns: what is done to all of their numbers, one after the other."""
+
+from vibroscreen.compiler.language import kernel
+
+
+@kernel
+def fill(x, value):
+    for i in range(x.size):
+        x[i] = value
+
+
+@kernel
+def copy(to, x):
+    for i in range(to.size):
+        to[i] = x[i]
+
+
+@kernel
+def add(to, factor, x):
+    """Add factor times a vector."""
+    for i in range(to.size):
+        to[i] += factor * x[i]
+
+
+@kernel
+def total(x):
+    whole = 0.0
+    for i in range(x.size):
+        whole += x[i]
+    return whole
+
+
+@kernel
+def clear_rows(load, start, stop):
+    """Zero the rows from `start` up to `stop`."""
+    for j in range(start, stop):
+        for i in range(load.shape[1]):
+            load[j, i] = 0.0
+
+
+@kernel
+def copy_rows(to, load, rows):
+    for j in range(rows):
+        for i in range(load.shape[1]):
+            to[j, i] = load[j, i]
+
+
+@kernel
+def add_rows(to, factor, load, rows):
+    """Add factor times each of the first rows of a column to a vector."""
+    for j in range(rows):
+        for i in range(to.size):
+            to[i] += factor * load[j, i]
+
+
+@kernel
+def divide(fed, load, rows, divisor):
+    """Divide a vector and the first rows of a column."""
+    for i in range(fed.size):
+        fed[i] /= divisor
+    for j in range(rows):
+        for i in range(fed.size):
+            load[j, i] /= divisor
