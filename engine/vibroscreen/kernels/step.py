@@ -6,6 +6,7 @@ changed and that the field `refusal` says what was wrong. Python enters by kerne
 
 from math import isfinite, pi
 
+from vibroscreen.compiler.elementary import sin
 from vibroscreen.compiler.language import (
     Record,
     kernel,
@@ -27,7 +28,6 @@ from vibroscreen.kernels.bed.travel import (
     riding_time_over,
 )
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import sin
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.closure import (
     OF_PASSAGE,

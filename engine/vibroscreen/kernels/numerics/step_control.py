@@ -2,10 +2,10 @@
 
 from math import ceil, sqrt
 
+from vibroscreen.compiler.elementary import raised
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, chain, explicit, implicit, pair, rates, within
-from vibroscreen.kernels.numerics.elementary import raised
 from vibroscreen.kernels.numerics.kinks import (
     FORETOLD,
     OVER_MARGIN,
