@@ -3,18 +3,8 @@
 from vibroscreen.kernels import state, steady, step
 from vibroscreen.kernels.library import entry
 
-(
-    INITIALISE,
-    ADVANCE,
-    START_SLICE,
-    START_BELOW,
-    LAY_BATCH,
-    FOLLOW,
-    SOLVE,
-    SOLVE_MANY,
-    PLACE_NODES,
-    READ,
-) = range(10)
+INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH = range(5)
+FOLLOW, SOLVE, SOLVE_MANY, PLACE_NODES, READ = range(5, 10)
 
 
 @entry("int64(vector, int64, float64, float64)")

@@ -200,8 +200,7 @@ def advance_implicit(buffer, scene, book, step, layers):
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
+    place, share = column.places(buffer)
     passed = state.node_vector(buffer, state.AT.record, 0)
     passing = state.node_vector(buffer, state.AT.record, 1)
     before = state.node_vector(buffer, state.AT.column_flux, 0)
