@@ -260,7 +260,11 @@ def test_changes_are_checked_as_a_whole(config: ScreenConfig) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("passage.law", 7.0, r"passage\.law = 7 is out of range \(1 to 3\): give 1 gaudin, 2 pelevin"),
+        (
+            "passage.law",
+            7.0,
+            r"passage\.law = 7 is out of range \(1 to 3\): give 1 gaudin, 2 pelevin",
+        ),
         ("deck[1].panel[1].aperture", math.nan, r"^deck\[1\]\.panel\[1\]\.aperture = nan m"),
         ("deck[1].panel[1].inclination", 80 * DEG, r"^deck\[1\]\.panel\[1\]\.inclination = 1\.39"),
         ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is out of range \(above 0 to 100 m\)"),

@@ -3,19 +3,8 @@
 from vibroscreen.kernels import checks, outputs, state, steady, step
 from vibroscreen.kernels.library import entry
 
-(
-    INITIALISE,
-    ADVANCE,
-    START_SLICE,
-    START_BELOW,
-    LAY_BATCH,
-    FOLLOW,
-    SOLVE,
-    SOLVE_MANY,
-    PLACE_NODES,
-    READ,
-    CHECK,
-) = range(11)
+INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH, FOLLOW = range(6)
+SOLVE, SOLVE_MANY, PLACE_NODES, READ, CHECK = range(6, 11)
 
 
 @entry("int64(vector, int64, float64, float64)")

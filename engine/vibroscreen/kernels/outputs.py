@@ -2,13 +2,13 @@
 
 from math import pi
 
+from vibroscreen.compiler.elementary import sin
 from vibroscreen.compiler.language import kernel, record
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed
 from vibroscreen.kernels.bed.travel import deck_length, panel_count
 from vibroscreen.kernels.ledger import balance_error, ledger_total
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import sin
 from vibroscreen.kernels.physics.layer import NOTHING
 from vibroscreen.kernels.physics.motion import GRAVITY
 

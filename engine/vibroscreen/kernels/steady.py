@@ -4,9 +4,10 @@ No packages are needed: a slice of a lower deck starts empty and takes up what f
 from the knots of the deck above (MODEL.md, "Steady state and batches").
 """
 
-from vibroscreen.compiler.language import kernel, numbers, record, view1
+from vibroscreen.compiler.language import kernel, numbers, record
 from vibroscreen.kernels import changes, checks, outputs, state, step
-from vibroscreen.kernels.bed import classes, front, travel
+from vibroscreen.kernels.bed import classes, falls, front, travel
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.numerics.layers import bed_load, restack
 
 FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
@@ -16,38 +17,24 @@ FREQUENCY = state.INPUT.index("motion_frequency")
 @kernel
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
-    rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
-    front.start_cohort(buffer, deck, rate)
-    clear_slice(buffer, deck)
-
-
-@kernel
-def clear_slice(buffer, deck):
-    """Zero the sums that a slice adds to."""
-    decks = state.extent(buffer).decks
-    carry = state.node_vector(buffer, state.AT.carry, deck)
-    fallen = state.node_vector(buffer, state.AT.fall_cohort, deck)
-    under = state.node_vector(buffer, state.AT.step_mass, deck)
-    over = state.node_vector(buffer, state.AT.step_mass, decks + deck)
-    partial = state.column(buffer, state.AT.partial, deck)
-    for i in range(carry.size):
-        carry[i], fallen[i], under[i], over[i] = 0.0, 0.0, 0.0, 0.0
-    for j in range(partial.shape[0]):
-        for i in range(carry.size):
-            partial[j, i] = 0.0
+    front.start_cohort(buffer, deck, max(0.0, state.inputs(buffer).feed_mass_flow_rate))
+    vectors.fill(state.node_vector(buffer, state.AT.carry, deck), 0.0)
+    vectors.fill(falls.fall_cohort(buffer, deck), 0.0)
+    vectors.fill(falls.undersize(buffer, deck), 0.0)
+    vectors.fill(falls.oversize(buffer, deck), 0.0)
     state.book(buffer, deck).capacity_alarm = 0.0
 
 
 @kernel
 def place_nodes(buffer):
     """Write the nodes of the screen in the buffer, and how many there are."""
-    decks = state.extent(buffer).decks
-    parameter = state.parameters(buffer)
+    extent, parameter = state.extent(buffer), state.parameters(buffer)
     strength = state.scalars(buffer, state.AT.strength, 2)
-    apertures = state.scalars(buffer, state.AT.apertures, decks * state.extent(buffer).panels)
+    panels = extent.decks * extent.panels
+    apertures = state.scalars(buffer, state.AT.apertures, panels)
     count = 0
     area, reach = 0.0, 0.0
-    for deck in range(decks):
+    for deck in range(extent.decks):
         open_length = 0.0
         for number in range(travel.panel_count(buffer, deck)):
             panel = state.panel(buffer, deck, number)
@@ -63,14 +50,10 @@ def place_nodes(buffer):
         area = max(area, open_length * travel.deck_width(buffer, deck))
     feed = state.inputs(buffer).feed_mass_flow_rate
     classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
-    room = classes.most_nodes(
-        state.extent(buffer).classes,
-        decks * state.extent(buffer).panels,
-        parameter.size_classes_subdivision,
-    )
-    state.extent(buffer).nodes = classes.build_nodes(
-        state.scalars(buffer, state.AT.edge, state.extent(buffer).classes + 1),
-        view1(buffer, int(buffer[state.AT.apertures]), count),
+    room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
+    extent.nodes = classes.build_nodes(
+        state.scalars(buffer, state.AT.edge, extent.classes + 1),
+        apertures[:count],
         numbers(parameter),
         strength,
         state.scalars(buffer, state.AT.size, room),
@@ -118,17 +101,14 @@ def follow(buffer, deck, duration):
 @kernel
 def lay_batch(buffer, areal_mass, horizon):
     """Put a batch of `areal_mass` kg/m2 of the feed's composition on the plate."""
-    book = state.book(buffer, 0)
-    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    book, scene = state.book(buffer, 0), state.scene(buffer, state.AT.scene, 0, 0)
     lead = state.column(buffer, state.AT.lead, 0)
     fed = state.node_vector(buffer, state.AT.lead_feed, 0)
-    passed = state.node_vector(buffer, state.AT.lead_passed, 0)
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    vectors.fill(state.node_vector(buffer, state.AT.lead_passed, 0), 0.0)
+    vectors.clear_rows(lead, 0, lead.shape[0])
     for i in range(fed.size):
         fed[i] = areal_mass * fraction[i]
-        passed[i] = 0.0
-        for j in range(lead.shape[0]):
-            lead[j, i] = 0.0
         lead[0, i] = fed[i]
     scene.horizon = horizon
     book.step, book.pace, book.wide = 0.0, 0.0, 0.0
@@ -180,31 +160,25 @@ def solve_many(buffer, count, rebuild):
 
     rebuild: whether what changes from row to row needs other nodes.
     """
-    size = state.scalars(buffer, state.AT.parameter, setting_size(buffer))
-    seen = state.scalars(
-        buffer, state.AT.last_seen, changes.motion_part(buffer) + 1 + state.extent(buffer).classes
-    )
+    # Parameters and inputs lie in a row.
+    size = int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
+    setting = state.scalars(buffer, state.AT.parameter, size)
     harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
-    streams = state.OVER + state.extent(buffer).decks
-    classes = state.extent(buffer).classes
+    streams, classes = state.OVER + state.extent(buffer).decks, state.extent(buffer).classes
+    seen = state.scalars(buffer, state.AT.last_seen, changes.motion_part(buffer) + 1 + classes)
+    row_size = len(state.FIGURE) + streams * classes
     for row in range(count):
-        setting = state.vector(buffer, state.AT.design, size.size, row)
-        for k in range(size.size):
-            size[k] = setting[k]
+        vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
         other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
-        for k in range(harmonic.size):
-            harmonic[k] = other[k]
+        vectors.copy(harmonic, other)
         code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
             seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         if code == state.ACCEPTED:
             code = solve_steady(buffer)
-        result = state.vector(
-            buffer, state.AT.design_result, len(state.FIGURE) + streams * classes, row
-        )
-        for k in range(result.size):
-            result[k] = 0.0
+        result = state.vector(buffer, state.AT.design_result, row_size, row)
+        vectors.fill(result, 0.0)
         figure = record(result, 0, state.FIGURE)
         figure.code = code
         if code != state.ACCEPTED:
@@ -213,41 +187,21 @@ def solve_many(buffer, count, rebuild):
             figure.limit = refusal.limit
         else:
             write_figures(buffer, figure)
-            write_streams_of(buffer, result)
-
-
-@kernel
-def setting_size(buffer):
-    """How many numbers parameters and inputs are; they lie in a row."""
-    return int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
+            masses = state.vector(buffer, state.AT.class_mass, streams * classes, 0)
+            vectors.copy(result[len(state.FIGURE) :], masses)
 
 
 @kernel
 def write_figures(buffer, figure):
     """Figures of a steady solution."""
     outputs.read_partition(buffer)
-    output = state.outputs(buffer)
-    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    output, scene = state.outputs(buffer), state.scene(buffer, state.AT.scene, 0, 0)
+    decks = state.extent(buffer).decks
     figure.transport_velocity = scene.transport_velocity
     figure.residence_time = travel.residence_time(buffer, 0)
-    for deck in range(state.extent(buffer).decks):
-        figure.hold_up += state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[
-            deck
-        ]
+    figure.hold_up = vectors.total(state.scalars(buffer, state.AT.hold_up_work, decks))
     figure.undersize_recovery = output.undersize_recovery
-    figure.cut_size = output.cut_size
-    figure.ecart_probable = output.ecart_probable
-
-
-@kernel
-def write_streams_of(buffer, result):
-    """Class rates of the streams of a steady solution, behind its figures."""
-    place = len(state.FIGURE)
-    for row in range(state.OVER + state.extent(buffer).decks):
-        mass = state.class_vector(buffer, state.AT.class_mass, row)
-        for k in range(mass.size):
-            result[place] = mass[k]
-            place += 1
+    figure.cut_size, figure.ecart_probable = output.cut_size, output.ecart_probable
 
 
 @kernel
@@ -260,20 +214,14 @@ def solve_decks(buffer):
             start_slice(buffer, deck)
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))
-        book = state.book(buffer, deck)
-        width = travel.deck_width(buffer, deck)
+        book, width = state.book(buffer, deck), travel.deck_width(buffer, deck)
         last = travel.panel_count(buffer, deck) - 1
         passing = width * travel.panel_velocity(buffer, deck, 0)
         leaving = width * travel.panel_velocity(buffer, deck, last)
-        under = state.node_vector(buffer, state.AT.step_mass, deck)
-        over = state.node_vector(buffer, state.AT.step_mass, decks + deck)
+        under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
         passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-        lead = state.column(buffer, state.AT.lead, deck)
         for i in range(passed.size):
-            under[i] = passing * passed[i]
-            over[i] = 0.0
-        for j in range(book.lead_layers):
-            for i in range(passed.size):
-                over[i] += leaving * lead[j, i]
+            under[i], over[i] = passing * passed[i], 0.0
+        vectors.add_rows(over, leaving, state.column(buffer, state.AT.lead, deck), book.lead_layers)
         partial = state.column(buffer, state.AT.partial, deck)
         hold_up[deck] = width * bed_load(partial, book.partial_layers)

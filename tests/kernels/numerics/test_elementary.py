@@ -9,7 +9,7 @@ from decimal import Decimal, getcontext, localcontext
 import numpy as np
 import pytest
 
-from vibroscreen.kernels.numerics import elementary
+from vibroscreen.compiler import elementary
 
 DIGITS = 60
 ONE = Decimal(1)

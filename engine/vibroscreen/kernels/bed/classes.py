@@ -28,10 +28,10 @@ tolerances.
 
 from math import sqrt
 
+from vibroscreen.compiler.elementary import cos, exp, raised
 from vibroscreen.compiler.language import kernel, record
 from vibroscreen.kernels import state
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import cos, exp, raised
 from vibroscreen.kernels.physics import packing, segregation
 
 MOST_NODES = 24  # on a piece, where the engine chooses

@@ -10,6 +10,7 @@ Two ways, both conservative:
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import deck_length, deck_width, panel_velocity
+from vibroscreen.kernels.numerics import vectors
 
 # Two knots nearer than this part of the deck's length are one.
 SAME_PLACE = 1e-12
@@ -63,9 +64,8 @@ def record_knot(buffer, place):
 @kernel
 def record_nothing(buffer, start, stop):
     """Add the knots of a stretch on which nothing passes."""
-    passed = state.vector(buffer, state.AT.record, 2 * state.extent(buffer).nodes, 0)
-    for i in range(passed.size):
-        passed[i] = 0.0
+    for row in range(2):
+        vectors.fill(state.node_vector(buffer, state.AT.record, row), 0.0)
     record_knot(buffer, start)
     record_knot(buffer, stop)
 
@@ -83,10 +83,8 @@ def thin_knots(buffer, deck):
         if kept != knot:
             places[kept] = places[knot]
             for at in (state.AT.knot_passed, state.AT.knot_before, state.AT.knot_after):
-                to = knot_vector(buffer, at, deck, kept)
                 come = knot_vector(buffer, at, deck, knot)
-                for i in range(to.size):
-                    to[i] = come[i]
+                vectors.copy(knot_vector(buffer, at, deck, kept), come)
         kept += 1
     book.knots = kept
 
@@ -148,8 +146,7 @@ def passed_up_to(buffer, deck, place, passed):
     book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
     count = book.knots
-    for i in range(passed.size):
-        passed[i] = 0.0
+    vectors.fill(passed, 0.0)
     if count == 0:
         return
     knot = 0
@@ -157,8 +154,7 @@ def passed_up_to(buffer, deck, place, passed):
         knot += 1
     start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
     if count == 1 or place <= places[knot]:
-        for i in range(passed.size):
-            passed[i] = start[i]
+        vectors.copy(passed, start)
         return
     stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
     after = knot_vector(buffer, state.AT.knot_after, deck, knot)

@@ -3,7 +3,7 @@
 from vibroscreen.compiler.fours import in_fours
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks
+from vibroscreen.kernels.numerics import blocks, vectors
 from vibroscreen.kernels.physics import layer, packing, passage, segregation
 
 # A size of which this part of the tolerance is left has passed.
@@ -68,25 +68,18 @@ def gather(buffer, scene, load, reference, layers):
     passes at once; the coarse sizes that move alike become one. `place` says where a size is. Loops
     go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
     """
-    nodes = load.shape[1]
-    switch = state.switches(buffer)
-    counter = state.counters(buffer)
-    tolerance = state.parameters(buffer).solver_tolerance
+    switch, counter = state.switches(buffer), state.counters(buffer)
     size = state.node_vector(buffer, state.AT.size, 0)
     held = state.node_vector(buffer, state.AT.node_work, 0)
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    place, share = places(buffer)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, size.size)
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
     terms = state.extent(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
-    least = USED_UP * tolerance
+    least = USED_UP * state.parameters(buffer).solver_tolerance
     coarse = first_coarse(buffer, scene, load, layers)
-    for i in range(nodes):
-        held[i] = load[0, i]
-    for j in range(1, layers):
-        for i in range(nodes):
-            held[i] += load[j, i]
+    vectors.fill(held, 0.0)
+    vectors.add_rows(held, 1.0, load, layers)
     count = 0
     for i in range(coarse):
         if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.aperture:
@@ -107,16 +100,22 @@ def gather(buffer, scene, load, reference, layers):
         share[i] = 1.0
     gathered, moment = join_coarse(held, size, coarse, count, place, share)
     if gathered > 0.0:
-        counter.coarse_sizes_skipped += nodes - coarse - 1.0
+        counter.coarse_sizes_skipped += size.size - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
     state.extent(buffer).active = in_fours(taking_part)
-    fill_block(buffer, load, reference, layers, coarse)
+    fill_block(buffer, load, reference, layers)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
     for n in range(taking_part, compact_size.size):
         compact_size[n] = compact_size[taking_part - 1]
-    return coarse
+
+
+@kernel
+def places(buffer):
+    """Where each size of a column is in a block, -1 for nowhere, and its share of what is there."""
+    place = state.node_vector(buffer, state.AT.place, 0)
+    return place, state.node_vector(buffer, state.AT.share, 0)
 
 
 @kernel
@@ -129,59 +128,52 @@ def places_kept(place):
 
 
 @kernel
-def fill_block(buffer, load, reference, layers, coarse):
+def gather_row(place, straight, load, row, to, to_row):
+    """Add a row of a column to one of a block; the first `straight` sizes keep their places."""
+    for i in range(straight):
+        to[to_row, i] += load[row, i]
+    for i in range(straight, place.size):
+        n = int(place[i])
+        if n >= 0:
+            to[to_row, n] += load[row, i]
+
+
+@kernel
+def fill_block(buffer, load, reference, layers):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
-    nodes = load.shape[1]
-    count = state.extent(buffer).active
+    count, terms = state.extent(buffer).active, state.extent(buffer).source_terms
     size = state.node_vector(buffer, state.AT.size, 0)
-    place = state.node_vector(buffer, state.AT.place, 0)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, nodes)
+    place, _ = places(buffer)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
-    landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
     now, integral = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
-    terms = state.extent(buffer).source_terms
     rows_above = layers if terms == 0 else load.shape[0]
     for k in range((rows_above + 1) * count):
-        now[k] = 0.0
-        integral[k] = 0.0
-    for n in range(count):
-        weight[n] = 0.0
-        compact_size[n] = 0.0
-    for i in range(nodes):
+        now[k], integral[k] = 0.0, 0.0
+    vectors.fill(weight, 0.0)
+    vectors.fill(compact_size, 0.0)
+    for i in range(place.size):
         n = int(place[i])
         if n >= 0:
             compact_size[n] = size[i]
             weight[n] += reference[i]
     for n in range(count):
         weight[n] = 1.0 / weight[n] if weight[n] > layer.NOTHING else 0.0
+    straight = places_kept(place)
+    source = view2(buffer, int(buffer[state.AT.source]), 3, place.size)
+    landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
+    vectors.clear_rows(landing, 0, terms)
     for k in range(terms):
-        for n in range(count):
-            landing[k, n] = 0.0
-        for i in range(nodes):
-            n = int(place[i])
-            if n >= 0:
-                landing[k, n] = source[k, i]
+        gather_row(place, straight, source, k, landing, k)
     rows = blocks.stage_load(buffer, blocks.NOW)
-    straight = min(coarse, places_kept(place))
     for j in range(layers):
-        for i in range(straight):
-            rows[j, i] = load[j, i]
-        for i in range(straight, coarse):
-            n = int(place[i])
-            if n >= 0:
-                rows[j, n] = load[j, i]
-        for i in range(coarse, nodes):
-            n = int(place[i])
-            if n >= 0:
-                rows[j, n] += load[j, i]
+        gather_row(place, straight, load, j, rows, j)
 
 
 @kernel
 def add_spread(buffer, to, load, rows):
     """Add the rows of a block to those of a column."""
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
+    place, share = places(buffer)
     # Most sizes keep their places: plain sums, which are fast.
     straight = places_kept(place)
     for j in range(rows):
@@ -196,29 +188,19 @@ def add_spread(buffer, to, load, rows):
 @kernel
 def scatter(buffer, load, layers, rows, elapsed):
     """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
-    nodes = load.shape[1]
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
-    now = blocks.stage_load(buffer, blocks.NOW)
+    place, share = places(buffer)
     gone = blocks.stage_passed(buffer, blocks.NOW)
     gone_time = blocks.stage_passed(buffer, blocks.INTEGRAL)
     passed = state.node_vector(buffer, state.AT.column_flux, 0)
     passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    for i in range(nodes):
+    for i in range(passed.size):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
         if n >= 0:
             passed[i] += share[i] * gone[n]
             passed_time[i] += share[i] * gone_time[n]
-    straight = places_kept(place)
-    for j in range(rows):
-        left = 1.0 if j < layers else 0.0
-        for i in range(straight):
-            load[j, i] = left * (share[i] * now[j, i])
-        for i in range(straight, nodes):
-            n = int(place[i])
-            if n >= 0:
-                load[j, i] = left * (share[i] * now[j, n])
+    vectors.clear_rows(load, 0, rows)
+    add_spread(buffer, load, blocks.stage_load(buffer, blocks.NOW), layers)
     time = state.column(buffer, state.AT.column_time, 0)
     add_spread(buffer, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
@@ -231,21 +213,15 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     step is that of the rates times h, so in a bed where all is in balance it is the same in every
     step: it would add up over many.
     """
-    nodes = state.extent(buffer).active
-    place = state.node_vector(buffer, state.AT.place, 0)
-    missing = blocks.active_vector(buffer, state.AT.node_work, 1)
-    values = blocks.stage(buffer, blocks.NOW)
-    for n in range(nodes):
-        missing[n] = 0.0
+    nodes, terms = state.extent(buffer).active, state.extent(buffer).source_terms
+    place, _ = places(buffer)
     straight = places_kept(place)
+    values = blocks.stage(buffer, blocks.NOW)
+    missing = blocks.active_vector(buffer, state.AT.node_work, 1)
+    sums = view2(buffer, int(buffer[state.AT.node_work]) + nodes, 1, nodes)  # the same numbers
+    vectors.fill(missing, 0.0)
     for j in range(before):
-        for i in range(straight):
-            missing[i] += load[j, i]
-        for i in range(straight, load.shape[1]):
-            n = int(place[i])
-            if n >= 0:
-                missing[n] += load[j, i]
-    terms = state.extent(buffer).source_terms
+        gather_row(place, straight, load, j, sums, 0)
     if terms > 0:
         source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
         for n in range(nodes):

@@ -10,9 +10,6 @@ from vibroscreen.kernels.numerics.rates import rows_followed
 PAIR, CHAIN = range(2)
 # The explicit pair is stable up to this step times the fastest rate.
 STABLE = 3.2
-# Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
-D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
-D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
 
 
 @kernel
@@ -38,10 +35,8 @@ def worst_error(buffer, layers):
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
     nodes = state.extent(buffer).active
-    weight, out = (
-        blocks.active_vector(buffer, state.AT.compact, 1),
-        blocks.trial(buffer, blocks.OF_PART),
-    )
+    weight = blocks.active_vector(buffer, state.AT.compact, 1)
+    out = blocks.trial(buffer, blocks.OF_PART)
     face, worst = 2.0 / layers, all_four(0.0)
     for i in range(0, nodes, 4):
         moved = four(out, i)
@@ -56,14 +51,13 @@ def worst_error(buffer, layers):
 @kernel
 def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
-    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
+    y, new, k1, k7 = blocks.step_ends(buffer)
     debts = all_four(0.0)
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         value = four(new, i)
         put_four(y, i, value)
         debts = larger(debts, 0.0 - value)
     if last_rates:
-        k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
         for i in range(0, rows_followed(buffer, layers), 4):
             put_four(k1, i, four(k7, i))
     return largest(debts) == 0.0
@@ -72,8 +66,7 @@ def take_explicit(buffer, layers, last_rates):
 @kernel
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
-    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
-    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    y, new, k1, k7 = blocks.step_ends(buffer)
     out = blocks.trial(buffer, blocks.OF_PART)
     for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
         rates = 0.4 * h * (four(k1, i) + four(k7, i))
@@ -84,8 +77,7 @@ def third_order_error(buffer, h, layers):
 @kernel
 def integrate_ends(buffer, h, size):
     """Add the time integral of a step of the chain (Hermite)."""
-    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
-    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    y, new, k1, k7 = blocks.step_ends(buffer)
     total = blocks.stage(buffer, blocks.INTEGRAL)
     half, twelfth = 0.5 * h, h * h / 12.0
     for i in range(0, size, 4):

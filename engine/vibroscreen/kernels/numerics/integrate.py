@@ -11,7 +11,9 @@ from vibroscreen.kernels.numerics import (
     kinks,
     parts,
     rates,
+    reconstruction,
     step_control,
+    vectors,
     within,
 )
 from vibroscreen.kernels.numerics.layers import bed_load, layers_for, restack
@@ -29,13 +31,8 @@ STIFF = 30000.0
 def clear_sums(buffer, rows):
     """Zero the sums of `integrate` in `rows` layers."""
     for row in range(2):
-        flux = state.node_vector(buffer, state.AT.column_flux, row)
-        for i in range(flux.size):
-            flux[i] = 0.0
-    total_time = state.column(buffer, state.AT.column_time, 0)
-    for j in range(rows):
-        for i in range(total_time.shape[1]):
-            total_time[j, i] = 0.0
+        vectors.fill(state.node_vector(buffer, state.AT.column_flux, row), 0.0)
+    vectors.clear_rows(state.column(buffer, state.AT.column_time, 0), 0, rows)
 
 
 @kernel
@@ -139,7 +136,7 @@ def is_explicit(buffer, scene, step, layers):
     if scene.layer_full > scene.layer_load or (full and step.growth > least):
         return False
     stiff = state.switches(buffer).explicit == 0.0 or step.fastest * step.left >= STIFF
-    return rates.reconstructed(buffer) or not stiff
+    return reconstruction.reconstructed(buffer) or not stiff
 
 
 @kernel
@@ -168,7 +165,7 @@ def advance_explicit(buffer, scene, book, step, layers):
         past = layer_mass(load, layers - 1) < 0.0
         implicit.carry_debts(blocks.stage_passed(buffer, blocks.NOW), load, layers)
         # Faces have debts in any layer: those that paid are filled.
-        if rates.reconstructed(buffer) or past:
+        if reconstruction.reconstructed(buffer) or past:
             layers = restack(buffer, scene, load, layers)
             step.most = max(step.most, layers)
         if past:
@@ -186,9 +183,7 @@ def advance_implicit(buffer, scene, book, step, layers):
     if extent.part < extent.parts:
         until = parts.time_in_part(buffer, moment, step.left)
         before_sum = blocks.stage(buffer, blocks.K2)
-        sums = blocks.stage(buffer, blocks.INTEGRAL)
-        for i in range(sums.size):
-            before_sum[i] = sums[i]
+        vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
     step.length = step_control.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
@@ -205,8 +200,7 @@ def advance_implicit(buffer, scene, book, step, layers):
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
+    place, share = column.places(buffer)
     passed = state.node_vector(buffer, state.AT.record, 0)
     passing = state.node_vector(buffer, state.AT.record, 1)
     before = state.node_vector(buffer, state.AT.column_flux, 0)

@@ -4,6 +4,7 @@ from math import ceil
 
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics.layer import layer_mass
 
 # A layer is opened only for more than this part of a full one: round-off makes no layers.
@@ -49,21 +50,16 @@ def restack(buffer, scene, load, layers):
         return 1
     nodes = load.shape[1]
     old = view2(buffer, int(buffer[state.AT.scratch]), load.shape[0], nodes)
-    for j in range(layers):
-        for i in range(nodes):
-            old[j, i] = load[j, i]
+    vectors.copy_rows(old, load, layers)
     source = 0
     whole = layer_mass(old, 0)
     left = 1.0  # what remains of the layer `source`, as a part of it
     for j in range(wanted):
         need = scene.contact_load if j == 0 else scene.layer_full
-        for i in range(nodes):
-            load[j, i] = 0.0
+        vectors.clear_rows(load, j, j + 1)
         while source < layers:
             last = j == wanted - 1
-            part = left
-            if not last and whole * left > need:
-                part = need / whole
+            part = need / whole if not last and whole * left > need else left
             for i in range(nodes):
                 load[j, i] += part * old[source, i]
             need -= part * whole
@@ -76,9 +72,7 @@ def restack(buffer, scene, load, layers):
                 whole = layer_mass(old, source)
             if need <= 0.0 and not last:
                 break
-    for j in range(wanted, layers):
-        for i in range(nodes):
-            load[j, i] = 0.0
+    vectors.clear_rows(load, wanted, layers)
     return wanted
 
 

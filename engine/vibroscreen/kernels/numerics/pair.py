@@ -28,9 +28,7 @@ I1, I2, I3, I4, I5 = (float(x) for x in (A[5][1:] @ A[:5])[:5])
 def stage_value(buffer, stage, h, size):
     """Column at a stage 2 to 7 into STAGED; that of stage 7 is the solution of order 5."""
     y, out = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
-    k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K2)
-    k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
-    k5, k6 = blocks.stage(buffer, blocks.K5), blocks.stage(buffer, blocks.K6)
+    k1, k2, k3, k4, k5, k6, _ = blocks.rates(buffer)
     row = stage - 2
     a1, a2, a3 = h * A[row, 0], h * A[row, 1], h * A[row, 2]
     a4, a5, a6 = h * A[row, 3], h * A[row, 4], h * A[row, 5]
@@ -62,9 +60,7 @@ def stage_value(buffer, stage, h, size):
 def integrate_stages(buffer, h, size):
     """Add the time integral of a step of the pair, from its stages."""
     y, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
-    k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K2)
-    k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
-    k5 = blocks.stage(buffer, blocks.K5)
+    k1, k2, k3, k4, k5, _, _ = blocks.rates(buffer)
     g1, g2, g3, g4, g5 = h * h * I1, h * h * I2, h * h * I3, h * h * I4, h * h * I5
     for i in range(0, size, 4):
         one = g1 * four(k1, i) + g2 * four(k2, i) + g3 * four(k3, i) + g4 * four(k4, i)

@@ -72,8 +72,7 @@ def give_to_part(buffer, rows, duration):
     part = state.extent(buffer).part
     load = state.column(buffer, state.AT.load, int(wanted(buffer)[1][part]))
     passed = state.node_vector(buffer, state.AT.part_passed, part)
-    place = state.node_vector(buffer, state.AT.place, 0)
-    share = state.node_vector(buffer, state.AT.share, 0)
+    place, share = column.places(buffer)
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
     gone = blocks.trial_passed(buffer, blocks.OF_PART)
     for i in range(passed.size):

@@ -1,9 +1,7 @@
-"""A column of the bed: its compact block, its layers, and how fast they change (MODEL.md,
-"Columns", "A package in time").
+"""How fast a column changes (MODEL.md, "Columns", "A package in time").
 
-A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. It is gathered
-into a compact block without the sizes that take no part and scattered back. Sub-models give rates;
-one place here moves mass, `column_rates`, and every sum is kept to round-off.
+A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen. Sub-models give
+rates; one place here moves mass, `column_rates`, and every sum is kept to round-off.
 """
 
 from vibroscreen.compiler.fours import (
@@ -17,14 +15,12 @@ from vibroscreen.compiler.fours import (
 )
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks
+from vibroscreen.kernels.numerics import blocks, reconstruction
 from vibroscreen.kernels.numerics.layers import cover_of
 from vibroscreen.kernels.physics import layer, passage, segregation
 
 # A top layer below this part of a full one is no reason to cut an implicit step.
 THIN = 1e-3
-# Differences of a mass fraction below this bound no slope.
-EVEN = 1e-14
 
 
 @kernel
@@ -38,83 +34,15 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     parameter = state.parameters(buffer)
     size = blocks.active_vector(buffer, state.AT.compact, 0)
     fraction = blocks.active_vector(buffer, state.AT.node_work, 2)
-    segregation.segregate(
-        parameter.segregation_model,
-        state.extent(buffer).segregation_address,
-        size,
-        lower,
-        layers,
-        scene,
-        contact,
-        blocks.active_column(buffer, state.AT.percolation),
-    )
+    percolation = blocks.active_column(buffer, state.AT.percolation)
+    model, own = parameter.segregation_model, state.extent(buffer).segregation_address
+    segregation.segregate(model, own, size, lower, layers, scene, contact, percolation)
     for i in range(0, size.size, 4):
         put_four(fraction, i, four(contact, i) * four_in(load, 0, i))
     scene.cover = cover
-    law = parameter.passage_law
-    passage.passage_probability(
-        law, state.extent(buffer).passage_address, size, fraction, scene, factor
-    )
+    law, own = parameter.passage_law, state.extent(buffer).passage_address
+    passage.passage_probability(law, own, size, fraction, scene, factor)
     return scene.density * scene.passage_velocity * cover
-
-
-@kernel
-def reconstructed(buffer):
-    """Whether the composition inside a layer is linear."""
-    return buffer[int(buffer[state.AT.reconstruction])] > 0.0
-
-
-@kernel
-def slope_factor(load, row, below, mass, above, share):
-    """Theta of a layer: the part of the central slopes of its sizes that makes no new extremum.
-
-    One for all sizes, so that the slopes sum up to zero and a full layer stays full at its faces.
-    below, mass, above: of the three layers, kg/m2; share: span of the layer over that of the slope.
-    """
-    theta = 1.0
-    a, b, c = 1.0 / below, 1.0 / mass, 1.0 / above
-    for i in range(load.shape[1]):
-        middle = b * load[row, i]
-        down, up = middle - a * load[row - 1, i], c * load[row + 1, i] - middle
-        least, most = min(abs(down), abs(up)), max(abs(down), abs(up))
-        if most > EVEN:
-            room = 2.0 * least if down * up > 0.0 else 0.0
-            slope = share * abs(down + up)
-            if theta * slope > room:
-                theta = room / slope
-    return theta
-
-
-@kernel
-def faces(buffer):
-    """Loads at the lower and at the upper faces of the layers, by `reconstruct`."""
-    return blocks.trial_load(buffer, blocks.LOWER), blocks.trial_load(buffer, blocks.UPPER)
-
-
-@kernel
-def reconstruct(buffer, load, layers):
-    """Loads as they are at the lower and upper faces of the layers, into two blocks of `trial`.
-
-    Mass fractions are linear over a layer with a monotonised central slope, even in the contact
-    layer and in the top one. The implicit scheme, whose blocks these are, does without.
-    """
-    lower, upper = faces(buffer)
-    nodes = load.shape[1]
-    for i in range(nodes):
-        lower[0, i] = upper[0, i] = load[0, i]
-        lower[layers - 1, i] = upper[layers - 1, i] = load[layers - 1, i]
-    below, mass = layer.layer_mass(load, 0), layer.layer_mass(load, 1)
-    for j in range(1, layers - 1):
-        above = layer.layer_mass(load, j + 1)
-        theta = 0.0
-        if min(below, mass, above) > layer.NOTHING:
-            share = 2.0 * mass / (below + 2.0 * mass + above)
-            theta = 0.5 * mass * share * slope_factor(load, j, below, mass, above, share)
-        a, c = (theta / below, theta / above) if theta > 0.0 else (0.0, 0.0)
-        for i in range(nodes):
-            half = c * load[j + 1, i] - a * load[j - 1, i]
-            lower[j, i], upper[j, i] = load[j, i] - half, load[j, i] + half
-        below, mass = mass, above
 
 
 @kernel
@@ -162,10 +90,7 @@ def column_rates(buffer, scene, now, layers, rate, moment):
     top = layer.layer_mass(load, layers - 1)
     upper = (layers - 2) * scene.layer_full
     scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
-    lower, upper = load, load
-    if layers > 2 and reconstructed(buffer):
-        reconstruct(buffer, load, layers)
-        lower, upper = faces(buffer)
+    lower, upper = reconstruction.faces(buffer, load, layers)
     falling = follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
@@ -201,7 +126,6 @@ def column_rates(buffer, scene, now, layers, rate, moment):
         full = scene.layer_full
     land(buffer, change, layers - 1, moment)
     state.counters(buffer).rates += 1.0
-    return lost
 
 
 @kernel

@@ -2,10 +2,19 @@
 
 from math import ceil, sqrt
 
+from vibroscreen.compiler.elementary import raised
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks, chain, explicit, implicit, pair, rates, within
-from vibroscreen.kernels.numerics.elementary import raised
+from vibroscreen.kernels.numerics import (
+    blocks,
+    chain,
+    explicit,
+    implicit,
+    pair,
+    rates,
+    reconstruction,
+    within,
+)
 from vibroscreen.kernels.numerics.kinks import (
     FORETOLD,
     OVER_MARGIN,
@@ -56,7 +65,7 @@ def has_kinks(buffer):
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
     partly = model == segregation.PROPORTIONAL and parameter.segregation_proportion > 0.0
-    return partly or model == segregation.CLASSIFIED or rates.reconstructed(buffer)
+    return partly or model == segregation.CLASSIFIED or reconstruction.reconstructed(buffer)
 
 
 @kernel

@@ -6,6 +6,12 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, explicit, pair
 from vibroscreen.kernels.physics.layer import layer_mass
 
+# Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
+D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
+D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
+BENT = ((blocks.K1, D1), (blocks.K3, D3), (blocks.K4, D4))
+BENT += ((blocks.K5, D5), (blocks.K6, D6), (blocks.K7, D7))
+
 
 # With d = STAGED - y the column at the part t of an explicit step is, to order 4,
 #   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
@@ -32,8 +38,7 @@ def integral_in_step(buffer, layers, h, a, b, scheme):
 @kernel
 def combine_step(buffer, layers, h, start, whole, near, bend, more):
     """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
-    y, new = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.STAGED)
-    k1, k7 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, blocks.K7)
+    y, new, k1, k7 = blocks.step_ends(buffer)
     out = blocks.trial(buffer, blocks.OF_PART)
     size = (layers + 1) * state.extent(buffer).active
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
@@ -41,17 +46,9 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
         one = start * four(y, i) + gd * (four(new, i) - four(y, i))
         put_four(out, i, one + (g1 * four(k1, i) + g7 * four(k7, i)))
     if more > 0.0:
-        k3, k4 = blocks.stage(buffer, blocks.K3), blocks.stage(buffer, blocks.K4)
-        k5, k6 = blocks.stage(buffer, blocks.K5), blocks.stage(buffer, blocks.K6)
+        _, _, k3, k4, k5, k6, _ = blocks.rates(buffer)
         g = h * more
-        r1, r3, r4, r5, r6, r7 = (
-            g * explicit.D1,
-            g * explicit.D3,
-            g * explicit.D4,
-            g * explicit.D5,
-            g * explicit.D6,
-            g * explicit.D7,
-        )
+        r1, r3, r4, r5, r6, r7 = g * D1, g * D3, g * D4, g * D5, g * D6, g * D7
         for i in range(0, size, 4):
             one = r1 * four(k1, i) + r3 * four(k3, i) + r4 * four(k4, i)
             one += r5 * four(k5, i) + r6 * four(k6, i) + r7 * four(k7, i)
@@ -59,21 +56,21 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
 
 
 @kernel
+def top_of(buffer, index, layers):
+    """Mass of the top layer in a block of `stage`, or its rate."""
+    return layer_mass(blocks.stage_load(buffer, index), layers - 1)
+
+
+@kernel
 def part_to_kink(buffer, layers, h, scheme, change):
     """Part of an explicit step after which the top layer has changed by `change` kg/m2."""
-    row = layers - 1
-    d = layer_mass(blocks.stage_load(buffer, blocks.STAGED), row)
-    d -= layer_mass(blocks.stage_load(buffer, blocks.NOW), row)
-    first = h * layer_mass(blocks.stage_load(buffer, blocks.K1), row) - d
-    second = d - first - h * layer_mass(blocks.stage_load(buffer, blocks.K7), row)
+    d = top_of(buffer, blocks.STAGED, layers) - top_of(buffer, blocks.NOW, layers)
+    first = h * top_of(buffer, blocks.K1, layers) - d
+    second = d - first - h * top_of(buffer, blocks.K7, layers)
     third = 0.0
     if scheme == explicit.PAIR:
-        third = explicit.D1 * layer_mass(blocks.stage_load(buffer, blocks.K1), row)
-        third += explicit.D3 * layer_mass(blocks.stage_load(buffer, blocks.K3), row)
-        third += explicit.D4 * layer_mass(blocks.stage_load(buffer, blocks.K4), row)
-        third += explicit.D5 * layer_mass(blocks.stage_load(buffer, blocks.K5), row)
-        third += explicit.D6 * layer_mass(blocks.stage_load(buffer, blocks.K6), row)
-        third += explicit.D7 * layer_mass(blocks.stage_load(buffer, blocks.K7), row)
+        for stage, weight in BENT:
+            third += weight * top_of(buffer, stage, layers)
         third *= h
     low, high, t = 0.0, 1.0, change / d
     for _ in range(60):

@@ -2,13 +2,15 @@
 
 import math
 
-from vibroscreen.compiler.language import kernel, view1, view2
+from vibroscreen.compiler.elementary import cos, tan
+from vibroscreen.compiler.language import kernel, record, view1, view2
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import cos, tan
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import motion, rigid_body
 
 # the bed needs no edges: their place holds what it needs
 SWING_STEPS = 200
+STEP = 2.0 * math.pi / SWING_STEPS
 SWING = motion.EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
 SETTLING_PERIODS = 64
 BED_THROW = 4.5  # throw number up to which the bed was checked
@@ -20,15 +22,12 @@ BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
 @kernel
 def _set_swing(work):
     """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
-    swing = view2(work, SWING, SWING_STEPS, 2)
+    wave, swing = motion.wave_of(work), view2(work, SWING, SWING_STEPS, 2)
     along, normal, _, _ = motion.wave_at(wave, 0.0, 1)
     for k in range(SWING_STEPS):
-        next_along, next_normal, _, _ = motion.wave_at(
-            wave, 2.0 * math.pi * (k + 1) / SWING_STEPS, 1
-        )
-        swing[k, 0] = next_along - along
-        swing[k, 1] = next_normal - normal
+        phase = 2.0 * math.pi * (k + 1) / SWING_STEPS
+        next_along, next_normal, _, _ = motion.wave_at(wave, phase, 1)
+        swing[k, 0], swing[k, 1] = next_along - along, next_normal - normal
         along, normal = next_along, next_normal
 
 
@@ -39,16 +38,15 @@ def _press(height, rise, gain, landing, damping):
     The bed pushes with spring and damper of the landing time and cannot pull; `gain` is what the
     deck gains in normal velocity.
     """
-    step = 2.0 * math.pi / SWING_STEPS
-    free = rise - step - gain
+    free = rise - STEP - gain
     force = 0.0
-    if height + step * min(rise, 0.0) < 0.0:
-        resistance = (2.0 * damping + step / landing) / landing
+    if height + STEP * min(rise, 0.0) < 0.0:
+        resistance = (2.0 * damping + STEP / landing) / landing
         spring = height / (landing * landing)
-        slowed = (free - step * spring) / (1.0 + step * resistance)
+        slowed = (free - STEP * spring) / (1.0 + STEP * resistance)
         force = max(0.0, -resistance * slowed - spring)
-    rise = free + step * force
-    return force, height + step * rise, rise
+    rise = free + STEP * force
+    return force, height + STEP * rise, rise
 
 
 @kernel
@@ -64,19 +62,18 @@ def _drag(velocity, force, rate, grip, drag):
     Two resistances, the lesser counts: the bed needs the landing time to take the velocity of the
     deck, and friction is limited.
     """
-    step = 2.0 * math.pi / SWING_STEPS
     speed = abs(velocity)
     if force <= 0.0 or speed == 0.0:
         return 0.0, 0.0
-    soft_rate = rate / (1.0 + step * rate)
+    soft_rate = rate / (1.0 + STEP * rate)
     soft = soft_rate * speed
     limit = force * (grip + drag * speed)
     both = math.sqrt(soft * soft + limit * limit)
     weak = limit / both
     strong = soft / both
     slope = soft_rate * weak * weak * weak + force * drag * strong * strong * strong
-    value = min(soft * weak, speed / step)
-    return (value if velocity > 0.0 else -value), min(slope, 1.0 / step)
+    value = min(soft * weak, speed / STEP)
+    return (value if velocity > 0.0 else -value), min(slope, 1.0 / STEP)
 
 
 @kernel
@@ -87,29 +84,27 @@ def _ride(work, periods, share, slope, landing, grip, drag):
     Returns the derivative of the slip velocity at the end in that at the start; travel, time in the
     air, flights and loss are those of these periods.
     """
-    body = view1(work, motion.BODY, 15)
+    body = motion.body_of(work)
     damping = work[motion.CONSTANT + 1]
     rate = (1.0 - work[motion.ROLLS]) * damping / landing
-    step = 2.0 * math.pi / SWING_STEPS
-    for k in range(rigid_body.TRAVEL, rigid_body.MEASURED):
-        body[k] = 0.0
-    height, rise, slip = body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.SLIP]
+    rigid_body.clear_sums(body)
+    height, rise, slip = body.height, body.rise, body.slip
     memory = 1.0
     for k in range(periods * SWING_STEPS):
         gain = view1(work, SWING + 2 * (k % SWING_STEPS), 2)
-        flies, fast, fell = body[rigid_body.FLYING], slip, rise
+        flies, fast, fell = body.flying, slip, rise
         force, height, rise = _press(height, rise, gain[1], landing, damping)
-        body[rigid_body.FLYING] = 1.0 if force == 0.0 else 0.0
-        body[rigid_body.AIRBORNE] += step * body[rigid_body.FLYING]
-        body[rigid_body.FLIGHTS] += 1.0 if body[rigid_body.FLYING] > flies else 0.0
-        free = slip + step * slope - gain[0]
+        body.flying = 1.0 if force == 0.0 else 0.0
+        body.airborne += STEP * body.flying
+        body.flights += 1.0 if body.flying > flies else 0.0
+        free = slip + STEP * slope - gain[0]
         drop, change = _drag(free, share * force, rate, grip, drag)
-        slip = free - step * drop
-        memory *= 1.0 - step * change
-        body[rigid_body.TRAVEL] += step * slip
+        slip = free - STEP * drop
+        memory *= 1.0 - STEP * change
+        body.travel += STEP * slip
         # with mean velocities of a step the deck's work is exactly what is lost less gravity's
-        body[rigid_body.LOSS] += 0.5 * step * (drop * (slip + fast) - force * (rise + fell))
-    body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.SLIP] = height, rise, slip
+        body.loss += 0.5 * STEP * (drop * (slip + fast) - force * (rise + fell))
+    body.height, body.rise, body.slip = height, rise, slip
     return memory
 
 
@@ -119,16 +114,15 @@ def _settle_landing(work, landing, longer):
 
     1, or `longer` where landings do not repeat every period.
     """
-    body = view1(work, motion.BODY, 15)
-    swing = view2(work, SWING, SWING_STEPS, 2)
+    body, swing = motion.body_of(work), view2(work, SWING, SWING_STEPS, 2)
     damping = work[motion.CONSTANT + 1]
     for _ in range(SETTLING_PERIODS):
-        height, rise = body[rigid_body.HEIGHT], body[rigid_body.RISE]
+        height, rise = body.height, body.rise
         for k in range(SWING_STEPS):
             force, height, rise = _press(height, rise, swing[k, 1], landing, damping)
-        moved = abs(height - body[rigid_body.HEIGHT]) + abs(rise - body[rigid_body.RISE])
-        body[rigid_body.HEIGHT], body[rigid_body.RISE] = height, rise
-        body[rigid_body.FLYING] = 1.0 if force == 0.0 else 0.0
+        moved = abs(height - body.height) + abs(rise - body.rise)
+        body.height, body.rise = height, rise
+        body.flying = 1.0 if force == 0.0 else 0.0
         if moved < 1e-9:
             return 1
     return longer
@@ -141,23 +135,18 @@ def _settle_slip(work, periods, slope, landing, grip, drag):
     What the periods make of a slip velocity grows with it, but by less: there is one that repeats,
     and Newton's method kept between the bounds that are known finds it.
     """
-    body = view1(work, motion.BODY, 15)
-    height, rise, flies = body[rigid_body.HEIGHT], body[rigid_body.RISE], body[rigid_body.FLYING]
+    body = motion.body_of(work)
+    height, rise, flies = body.height, body.rise, body.flying
     # landings that do not repeat leave some rise: without it the deck has carried the weight
     _ride(work, periods, 1.0, slope, landing, grip, drag)
-    carried = 1.0 + (body[rigid_body.RISE] - rise) / (2.0 * math.pi * periods)
+    carried = 1.0 + (body.rise - rise) / (2.0 * math.pi * periods)
     share = 1.0 / max(carried, 0.1)
     low, high = -math.inf, math.inf
     slip = 0.0
     for _ in range(40):
-        (
-            body[rigid_body.HEIGHT],
-            body[rigid_body.RISE],
-            body[rigid_body.FLYING],
-            body[rigid_body.SLIP],
-        ) = height, rise, flies, slip
+        body.height, body.rise, body.flying, body.slip = height, rise, flies, slip
         memory = _ride(work, periods, share, slope, landing, grip, drag)
-        change = body[rigid_body.SLIP] - slip
+        change = body.slip - slip
         if memory == 1.0:
             break  # never on the deck
         if change > 0.0:
@@ -177,22 +166,21 @@ def solve_bed(harmonic, drive, result, work):
     """The model `bed` with the constants in work[CONSTANT]; arguments as in rigid_body."""
     if not rigid_body.set_motion(harmonic, drive, result, work):
         return
-    throw = result[5]
-    weight = motion.GRAVITY * cos(drive[1])
-    velocity_unit = weight / (2.0 * math.pi * drive[0])
-    slope = tan(drive[1])
-    landing = work[motion.CONSTANT] * math.sqrt(max(throw - 1.0, 1e-6))
-    grip = bed_friction(drive[2], work[motion.CONSTANT + 2])
-    drag = work[motion.CONSTANT + 3] * velocity_unit
-    work[motion.ROLLS] = drive[4]
+    given, found = record(drive, 0, motion.DRIVE), record(result, 0, motion.RESULT)
+    weight = motion.GRAVITY * cos(given.inclination)
+    velocity_unit = weight / (2.0 * math.pi * given.frequency)
+    slope = tan(given.inclination)
+    landing = work[motion.CONSTANT] * math.sqrt(max(found.throw - 1.0, 1e-6))
+    grip = bed_friction(given.friction, work[motion.CONSTANT + 2])
+    work[motion.ROLLS] = given.rolling
     _set_swing(work)
-    for k in range(15):
-        work[motion.BODY + k] = 0.0
-    periods = _settle_landing(work, landing, rigid_body.block_periods(throw))
+    vectors.fill(view1(work, motion.BODY_AT, len(motion.BODY)), 0.0)
+    periods = _settle_landing(work, landing, rigid_body.block_periods(found.throw))
+    drag = work[motion.CONSTANT + 3] * velocity_unit
     _settle_slip(work, periods, slope, landing, grip, drag)
     rigid_body.write_result(periods, 0.0, weight, velocity_unit, result, work)
-    if result[6] == 0.0 and (slope > grip or throw > BED_THROW):
-        result[6] = 3.0
+    if found.status == 0.0 and (slope > grip or found.throw > BED_THROW):
+        found.status = 3.0
 
 
 @kernel

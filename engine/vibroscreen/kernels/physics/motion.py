@@ -1,8 +1,8 @@
 """Motion of the deck along and normal to a panel, as harmonics (MODEL.md, "Displacement")."""
 
-from vibroscreen.compiler.language import kernel, own_model
+from vibroscreen.compiler.elementary import cos, sin, sine_cosine
+from vibroscreen.compiler.language import Record, kernel, own_model, record, view1, view2
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import cos, sin, sine_cosine
 
 # A displacement model of one's own: harmonics, drive, result and work as in rigid_body.
 call_displacement = own_model("displacement", "matrix", "vector", "vector", "vector")
@@ -10,20 +10,70 @@ GRAVITY = 9.81
 ROWS = 5
 MAX_ORDER = 8
 MAX_EDGES = 6 * MAX_ORDER + 2
-# offsets in the work array
+DRIVE = Record("frequency", "inclination", "friction", "velocity", "rolling")
+RESULT = Record("velocity", "spread", "airborne", "flights", "dissipation", "throw", "status")
+# A phase and where the deck is then: xi, xi', eta, eta'.
+PLACE = Record("phase", "along", "along_rate", "normal", "normal_rate")
+# measured: whether losses count; least: slip velocity within the period, 0 if it sticks or turns
+BODY = Record(
+    *PLACE,
+    *("slip", "height", "rise", "flying"),
+    *("travel", "airborne", "flights", "loss", "measured", "least"),
+)
+# A function of the phase: a polynomial in the phase from `origin` on, and parts of xi and eta.
+FORM = Record("constant", "linear", "quadratic", "along", "normal", "origin")
+# Acceleration of the body: a constant, and parts of xi'' and eta''.
+LAW = Record("constant", "along", "normal")
+# Offsets in the work array.
 WAVE = 0  # [ROWS, 5] order, along cos, along sin, normal cos, normal sin
-LAW = WAVE + 5 * ROWS  # [5, 3] constant, along, normal
-FORM = LAW + 15  # constant, linear, quadratic, along, normal, phase of origin
-EDGE = FORM + 6  # [MAX_EDGES, 8] phase, xi, xi', eta, eta', signs of the laws 0 to 2
-BODY = EDGE + 8 * MAX_EDGES
-PLACE = BODY + 15  # phase, xi, xi', eta, eta'
-NODE = PLACE + 5  # [2, 5] phase, xi'', eta'', xi''', eta'''
+LAWS = WAVE + 5 * ROWS  # contact force, slip forward, slip back, flight along, flight normal
+FORM_AT = LAWS + 15
+EDGE = FORM_AT + 6  # [MAX_EDGES, 8] a place, and the signs of the laws 0 to 2 from there on
+BODY_AT = EDGE + 8 * MAX_EDGES
+PLACE_AT = BODY_AT + 15
+NODE = PLACE_AT + 5  # [2, 5] phase, xi'', eta'', xi''', eta'''
 PAST = NODE + 10  # [3, 4] state two periods ago, one period ago, reference
 ORDER = PAST + 12  # highest order
 EDGES = ORDER + 1  # number of edges in use
 CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
-ROLLS = CONSTANT + 4  # share of the grip that rolling takes, drive[4]
+ROLLS = CONSTANT + 4  # share of the grip that rolling takes
 WORK_SIZE = CONSTANT + 5
+
+
+@kernel
+def wave_of(work):
+    """Harmonics of the deck's motion, by row."""
+    return view2(work, WAVE, ROWS, 5)
+
+
+@kernel
+def body_of(work):
+    """The body on the deck: where it is in the period, how it moves, and its sums."""
+    return record(work, BODY_AT, BODY)
+
+
+@kernel
+def moving_of(work):
+    """What repeats with the period: slip, height, rise, and whether the body flies."""
+    return view1(work, BODY_AT + len(PLACE), 4)
+
+
+@kernel
+def law_of(work, row):
+    """Law `row`."""
+    return record(work, LAWS + 3 * row, LAW)
+
+
+@kernel
+def edge_of(work, k):
+    """Place of an edge between segments."""
+    return record(work, EDGE + 8 * k, PLACE)
+
+
+@kernel
+def place_of(work):
+    """A place in between."""
+    return record(work, PLACE_AT, PLACE)
 
 
 @entry("void(vector, matrix, float64, matrix)")

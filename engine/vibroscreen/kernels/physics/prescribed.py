@@ -1,7 +1,8 @@
 """The velocity that the user gives."""
 
-from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels.physics import motion, rigid_body
+from vibroscreen.compiler.language import kernel, record
+from vibroscreen.kernels.physics import motion
+from vibroscreen.kernels.physics.rigid_body import rigid_body
 
 
 @kernel
@@ -11,7 +12,7 @@ def prescribed(harmonic, drive, result, work):
     Arguments as in rigid_body. Flights, throw number and dissipation are those of the rigid body,
     0 where it has no regime; spread and status are 0.
     """
-    rigid_body.rigid_body(harmonic, drive, result, work)
-    result[0] = drive[3] if work[motion.ORDER] > 0.0 else 0.0
-    result[1] = 0.0
-    result[6] = 0.0
+    rigid_body(harmonic, drive, result, work)
+    found = record(result, 0, motion.RESULT)
+    found.velocity = record(drive, 0, motion.DRIVE).velocity if work[motion.ORDER] > 0.0 else 0.0
+    found.spread, found.status = 0.0, 0.0

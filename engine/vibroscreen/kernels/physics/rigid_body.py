@@ -2,9 +2,10 @@
 
 import math
 
-from vibroscreen.compiler.language import kernel, view1, view2
+from vibroscreen.compiler.elementary import cos, tan
+from vibroscreen.compiler.language import kernel, record, view1, view2
 from vibroscreen.kernels.library import entry
-from vibroscreen.kernels.numerics.elementary import cos, tan
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import motion
 
 NODES_FUNDAMENTAL = 16
@@ -15,77 +16,49 @@ LONGEST_REGIME = 16
 BLOCKS = 16  # an irregular regime is the mean of BLOCKS times BLOCK_PERIODS periods
 BLOCK_PERIODS = 8
 SAME_STATE = 1e-12
-# entries of BODY; the first five are a place
-SLIP = 5
-HEIGHT = 6
-RISE = 7
-FLYING = 8
-TRAVEL = 9
-AIRBORNE = 10
-FLIGHTS = 11
-LOSS = 12
-MEASURED = 13
-LEAST = 14  # least slip velocity within the period, 0 if it sticks or turns
-GAUSS_POINT = (
-    -0.9324695142031521,
-    -0.6612093864662645,
-    -0.2386191860831969,
-    0.2386191860831969,
-    0.6612093864662645,
-    0.9324695142031521,
-)
-GAUSS_WEIGHT = (
-    0.1713244923791704,
-    0.3607615730481386,
-    0.4679139345726910,
-    0.4679139345726910,
-    0.3607615730481386,
-    0.1713244923791704,
+# Laws.
+FORCE, FORWARD, BACK, FLIGHT, FALL = range(5)
+# Points of Gauss in -1..1 and their weights.
+GAUSS = (
+    (-0.9324695142031521, 0.1713244923791704),
+    (-0.6612093864662645, 0.3607615730481386),
+    (-0.2386191860831969, 0.4679139345726910),
+    (0.2386191860831969, 0.4679139345726910),
+    (0.6612093864662645, 0.3607615730481386),
+    (0.9324695142031521, 0.1713244923791704),
 )
 
 
+# --- roots ---------------------------------------------------------------------------------------
 @kernel
-def _set_place(wave, phase, place):
-    """Phase, xi, xi', eta, eta' of the deck, written to place."""
-    along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, 0)
-    place[0] = phase
-    place[1] = along
-    place[2] = along_rate
-    place[3] = normal
-    place[4] = normal_rate
-
-
-@kernel
-def _form_static(work, row, derivative):
-    """Law `row` (derivative 2) or its rate (derivative 3) as a function of the phase, for _root."""
-    law = view2(work, motion.LAW, 5, 3)
-    form = view1(work, motion.FORM, 6)
-    form[0] = law[row, 0] if derivative == 2 else 0.0
-    form[1] = 0.0
-    form[2] = 0.0
-    form[3] = law[row, 1]
-    form[4] = law[row, 2]
-    form[5] = 0.0
+def _set_place(work, phase, place):
+    """Place of the deck at a phase."""
+    along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 0)
+    place.phase = phase
+    place.along, place.along_rate = along, along_rate
+    place.normal, place.normal_rate = normal, normal_rate
 
 
 @kernel
-def _form_motion(work, row, derivative, position, rate):
-    """Position (derivative 0) or velocity (1) under law `row` from the body on, for _root."""
-    law = view2(work, motion.LAW, 5, 3)
-    form = view1(work, motion.FORM, 6)
-    body = view1(work, motion.BODY, 15)
-    velocity_part = rate - law[row, 1] * body[2] - law[row, 2] * body[4]
-    form[3] = law[row, 1]
-    form[4] = law[row, 2]
-    form[5] = body[0]
+def _form_static(work, law, derivative):
+    """A law (derivative 2) or its rate (derivative 3) as a function of the phase, for _root."""
+    form = record(work, motion.FORM_AT, motion.FORM)
+    form.constant = law.constant if derivative == 2 else 0.0
+    form.linear, form.quadratic, form.origin = 0.0, 0.0, 0.0
+    form.along, form.normal = law.along, law.normal
+
+
+@kernel
+def _form_motion(work, law, derivative, position, rate):
+    """Position (derivative 0) or velocity (1) under a law from the body on, for _root."""
+    form, body = record(work, motion.FORM_AT, motion.FORM), motion.body_of(work)
+    velocity_part = rate - law.along * body.along_rate - law.normal * body.normal_rate
+    form.along, form.normal, form.origin = law.along, law.normal, body.phase
     if derivative == 1:
-        form[0] = velocity_part
-        form[1] = law[row, 0]
-        form[2] = 0.0
+        form.constant, form.linear, form.quadratic = velocity_part, law.constant, 0.0
     else:
-        form[0] = position - law[row, 1] * body[1] - law[row, 2] * body[3]
-        form[1] = velocity_part
-        form[2] = 0.5 * law[row, 0]
+        form.constant = position - law.along * body.along - law.normal * body.normal
+        form.linear, form.quadratic = velocity_part, 0.5 * law.constant
 
 
 @kernel
@@ -94,14 +67,15 @@ def _root(work, derivative, low, high, falls, guess):
 
     Newton's method kept inside a shrinking bracket, so it ends; the last step is below 1e-10.
     """
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
-    form = view1(work, motion.FORM, 6)
+    wave, form = motion.wave_of(work), record(work, motion.FORM_AT, motion.FORM)
     phase = guess
     for _ in range(80):
-        time = phase - form[5]
+        time = phase - form.origin
         along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, derivative)
-        value = form[0] + time * (form[1] + time * form[2]) + form[3] * along + form[4] * normal
-        rate = form[1] + 2.0 * time * form[2] + form[3] * along_rate + form[4] * normal_rate
+        value = form.constant + time * (form.linear + time * form.quadratic)
+        value = value + form.along * along + form.normal * normal
+        rate = form.linear + 2.0 * time * form.quadratic
+        rate = rate + form.along * along_rate + form.normal * normal_rate
         if (value > 0.0) == falls:
             low = phase
         else:
@@ -118,6 +92,7 @@ def _root(work, derivative, low, high, falls, guess):
     return phase
 
 
+# --- segments of the period ----------------------------------------------------------------------
 @kernel
 def _add_edge(work, phase):
     """Insert a phase among the edges of the segments, in order."""
@@ -133,30 +108,33 @@ def _add_edge(work, phase):
 
 
 @kernel
-def _bracket_law(work, row):
+def _law_at(work, law, phase):
+    """What a law gives at a phase."""
+    along, normal, _, _ = motion.wave_at(motion.wave_of(work), phase, 2)
+    return law.constant + law.along * along + law.normal * normal
+
+
+@kernel
+def _bracket_law(work, law):
     """Add the roots of a law between the two nodes, also a pair around an extremum inside."""
-    law = view2(work, motion.LAW, 5, 3)
     node = view2(work, motion.NODE, 2, 5)
-    low = node[0, 0]
-    high = node[1, 0]
-    before = law[row, 0] + law[row, 1] * node[0, 1] + law[row, 2] * node[0, 2]
-    after = law[row, 0] + law[row, 1] * node[1, 1] + law[row, 2] * node[1, 2]
+    low, high = node[0, 0], node[1, 0]
+    before = law.constant + law.along * node[0, 1] + law.normal * node[0, 2]
+    after = law.constant + law.along * node[1, 1] + law.normal * node[1, 2]
     positive = before > 0.0
     if positive != (after > 0.0):
-        _form_static(work, row, 2)
+        _form_static(work, law, 2)
         guess = low + (high - low) * before / (before - after)
         _add_edge(work, _root(work, 2, low, high, positive, guess))
         return
-    rate_before = law[row, 1] * node[0, 3] + law[row, 2] * node[0, 4]
-    rate_after = law[row, 1] * node[1, 3] + law[row, 2] * node[1, 4]
+    rate_before = law.along * node[0, 3] + law.normal * node[0, 4]
+    rate_after = law.along * node[1, 3] + law.normal * node[1, 4]
     towards_zero = rate_before < 0.0 if positive else rate_before > 0.0
     if towards_zero and (rate_before > 0.0) != (rate_after > 0.0):
-        middle = 0.5 * (low + high)
-        _form_static(work, row, 3)
-        extremum = _root(work, 3, low, high, rate_before > 0.0, middle)
-        along, normal, _, _ = motion.wave_at(view2(work, motion.WAVE, motion.ROWS, 5), extremum, 2)
-        if (law[row, 0] + law[row, 1] * along + law[row, 2] * normal > 0.0) != positive:
-            _form_static(work, row, 2)
+        _form_static(work, law, 3)
+        extremum = _root(work, 3, low, high, rate_before > 0.0, 0.5 * (low + high))
+        if (_law_at(work, law, extremum) > 0.0) != positive:
+            _form_static(work, law, 2)
             _add_edge(work, _root(work, 2, low, extremum, positive, 0.5 * (low + extremum)))
             _add_edge(work, _root(work, 2, extremum, high, not positive, 0.5 * (extremum + high)))
 
@@ -168,14 +146,9 @@ def _next_node(work, number, count):
     for k in range(5):
         node[0, k] = node[1, k]
     phase = 2.0 * math.pi * number / count
-    along, normal, along_rate, normal_rate = motion.wave_at(
-        view2(work, motion.WAVE, motion.ROWS, 5), phase, 2
-    )
-    node[1, 0] = phase
-    node[1, 1] = along
-    node[1, 2] = normal
-    node[1, 3] = along_rate
-    node[1, 4] = normal_rate
+    along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 2)
+    node[1, 0], node[1, 1], node[1, 2] = phase, along, normal
+    node[1, 3], node[1, 4] = along_rate, normal_rate
 
 
 @kernel
@@ -187,95 +160,89 @@ def _node_count(order):
 @kernel
 def _find_edges(work):
     """Cut the period into segments in which no law changes its sign; the signs go with them."""
-    law = view2(work, motion.LAW, 5, 3)
     edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
     edge[0, 0] = 0.0
     work[motion.EDGES] = 1.0
     nodes = _node_count(work[motion.ORDER])
     _next_node(work, 0, nodes)
     for number in range(1, nodes + 1):
         _next_node(work, number, nodes)
-        for row in range(3):
-            _bracket_law(work, row)
+        for row in range(FORCE, BACK + 1):
+            _bracket_law(work, motion.law_of(work, row))
     count = int(work[motion.EDGES])
     edge[count, 0] = 2.0 * math.pi
     work[motion.EDGES] = count + 1
     for k in range(count + 1):
-        _set_place(wave, edge[k, 0], view1(work, motion.EDGE + 8 * k, 5))
+        _set_place(work, edge[k, 0], motion.edge_of(work, k))
         if k < count:
-            along, normal, _, _ = motion.wave_at(wave, 0.5 * (edge[k, 0] + edge[k + 1, 0]), 2)
-            for row in range(3):
-                value = law[row, 0] + law[row, 1] * along + law[row, 2] * normal
+            middle = 0.5 * (edge[k, 0] + edge[k + 1, 0])
+            for row in range(FORCE, BACK + 1):
+                value = _law_at(work, motion.law_of(work, row), middle)
                 edge[k, 5 + row] = 1.0 if value > 0.0 else -1.0
 
 
+# --- slip and flight -----------------------------------------------------------------------------
 @kernel
-def _gain(law, row, body, place):
-    """Velocity that law `row` adds between the body's phase and place."""
-    time = place[0] - body[0]
-    return (
-        law[row, 0] * time + law[row, 1] * (place[2] - body[2]) + law[row, 2] * (place[4] - body[4])
-    )
+def _gain(law, body, place):
+    """Velocity that a law adds between the body's phase and place."""
+    gain = law.constant * (place.phase - body.phase)
+    gain = gain + law.along * (place.along_rate - body.along_rate)
+    return gain + law.normal * (place.normal_rate - body.normal_rate)
 
 
 @kernel
-def _path(law, row, body, place, rate):
-    """Distance under law `row` from the body's phase to place, starting with velocity `rate`."""
-    time = place[0] - body[0]
-    along = place[1] - body[1] - body[2] * time
-    normal = place[3] - body[3] - body[4] * time
-    return time * (rate + 0.5 * law[row, 0] * time) + law[row, 1] * along + law[row, 2] * normal
+def _path(law, body, place, rate):
+    """Distance under a law from the body's phase to place, starting with velocity `rate`."""
+    time = place.phase - body.phase
+    along = place.along - body.along - body.along_rate * time
+    normal = place.normal - body.normal - body.normal_rate * time
+    return time * (rate + 0.5 * law.constant * time) + law.along * along + law.normal * normal
 
 
 @kernel
 def _advance(body, place):
     """The body's phase becomes that of place."""
-    for k in range(5):
-        body[k] = place[k]
+    body.phase = place.phase
+    body.along, body.along_rate = place.along, place.along_rate
+    body.normal, body.normal_rate = place.normal, place.normal_rate
 
 
 @kernel
-def _friction_loss(work, row, end):
-    """Friction work mu n |s'| from the body's phase to `end` while it slips under law `row`."""
-    law = view2(work, motion.LAW, 5, 3)
-    body = view1(work, motion.BODY, 15)
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
-    panels = 1 + int((end - body[0]) * work[motion.ORDER])
-    half = 0.5 * (end - body[0]) / panels
+def _friction_loss(work, law, end):
+    """Friction work mu n |s'| from the body's phase to `end` while it slips under a law."""
+    body, wave = motion.body_of(work), motion.wave_of(work)
+    panels = 1 + int((end - body.phase) * work[motion.ORDER])
+    half = 0.5 * (end - body.phase) / panels
     loss = 0.0
     for panel in range(panels):
-        for k in range(6):
-            phase = body[0] + half * (2 * panel + 1 + GAUSS_POINT[k])
+        for point, weight in GAUSS:
+            phase = body.phase + half * (2 * panel + 1 + point)
             along, normal, _, normal_rate = motion.wave_at(wave, phase, 1)
-            slip = body[SLIP] + law[row, 0] * (phase - body[0])
-            slip += law[row, 1] * (along - body[2]) + law[row, 2] * (normal - body[4])
-            loss += GAUSS_WEIGHT[k] * abs(slip * law[row, 2] * (1.0 + normal_rate))
+            slip = body.slip + law.constant * (phase - body.phase)
+            slip += law.along * (along - body.along_rate) + law.normal * (normal - body.normal_rate)
+            loss += weight * abs(slip * law.normal * (1.0 + normal_rate))
     return half * loss
 
 
 @kernel
 def _slip(work, row, segment):
-    """Slip forward (row 1) or back (row 2) to the end of the segment or until it stops."""
-    law = view2(work, motion.LAW, 5, 3)
-    body = view1(work, motion.BODY, 15)
-    place = view1(work, motion.PLACE, 5)
-    end = view1(work, motion.EDGE + 8 * (segment + 1), 5)
-    forward = row == 1
+    """Slip FORWARD or BACK to the end of the segment or until it stops."""
+    law, body, place = motion.law_of(work, row), motion.body_of(work), motion.place_of(work)
+    end = motion.edge_of(work, segment + 1)
+    forward = row == FORWARD
     slows = (work[motion.EDGE + 8 * segment + 5 + row] < 0.0) == forward
-    velocity = body[SLIP] + _gain(law, row, body, end)
+    velocity = body.slip + _gain(law, body, end)
     stopped = velocity <= 0.0 if forward else velocity >= 0.0
     _advance(place, end)
     if stopped and slows:
-        _form_motion(work, row, 1, 0.0, body[SLIP])
-        guess = body[0] + (end[0] - body[0]) * body[SLIP] / (body[SLIP] - velocity)
-        phase = _root(work, 1, body[0], end[0], forward, guess)
-        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), phase, place)
-    body[TRAVEL] += _path(law, row, body, place, body[SLIP])
-    if body[MEASURED] > 0.0:
-        body[LOSS] += _friction_loss(work, row, place[0])
-    body[SLIP] = 0.0 if stopped else velocity
-    body[LEAST] = min(body[LEAST], abs(body[SLIP]))
+        _form_motion(work, law, 1, 0.0, body.slip)
+        guess = body.phase + (end.phase - body.phase) * body.slip / (body.slip - velocity)
+        _set_place(work, _root(work, 1, body.phase, end.phase, forward, guess), place)
+    body.travel += _path(law, body, place, body.slip)
+    if body.measured > 0.0:
+        body.loss += _friction_loss(work, law, place.phase)
+    body.slip = 0.0 if stopped else velocity
+    body.least = min(body.least, abs(body.slip))
     _advance(body, place)
 
 
@@ -285,103 +252,93 @@ def _landing(work, segment):
 
     The height is convex where the contact force would be negative and concave elsewhere.
     """
-    law = view2(work, motion.LAW, 5, 3)
-    body = view1(work, motion.BODY, 15)
-    end = view1(work, motion.EDGE + 8 * (segment + 1), 5)
-    low = body[0]
-    high = end[0]
-    height = body[HEIGHT] + _path(law, 4, body, end, body[RISE])
+    law, body, place = motion.law_of(work, FALL), motion.body_of(work), motion.place_of(work)
+    end = motion.edge_of(work, segment + 1)
+    low, high = body.phase, end.phase
+    height = body.height + _path(law, body, end, body.rise)
     if work[motion.EDGE + 8 * segment + 5] > 0.0:
         if height > 0.0:
             return -1.0
-        _form_motion(work, 4, 0, body[HEIGHT], body[RISE])
+        _form_motion(work, law, 0, body.height, body.rise)
         return _root(work, 0, low, high, True, high)
-    rise = body[RISE] + _gain(law, 4, body, end)
-    if body[RISE] >= 0.0 or (rise <= 0.0 and height > 0.0):
+    rise = body.rise + _gain(law, body, end)
+    if body.rise >= 0.0 or (rise <= 0.0 and height > 0.0):
         return -1.0
     if rise > 0.0:
-        _form_motion(work, 4, 1, 0.0, body[RISE])
+        _form_motion(work, law, 1, 0.0, body.rise)
         high = _root(work, 1, low, high, False, 0.5 * (low + high))
-        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), high, view1(work, motion.PLACE, 5))
-        if body[HEIGHT] + _path(law, 4, body, view1(work, motion.PLACE, 5), body[RISE]) > 0.0:
+        _set_place(work, high, place)
+        if body.height + _path(law, body, place, body.rise) > 0.0:
             return -1.0
-    _form_motion(work, 4, 0, body[HEIGHT], body[RISE])
+    _form_motion(work, law, 0, body.height, body.rise)
     return _root(work, 0, low, high, True, low)
 
 
 @kernel
 def _fly(work, segment):
     """Flight to the end of the segment, or to the landing and the plastic impact in it."""
-    law = view2(work, motion.LAW, 5, 3)
-    body = view1(work, motion.BODY, 15)
-    place = view1(work, motion.PLACE, 5)
+    law, fall = motion.law_of(work, FLIGHT), motion.law_of(work, FALL)
+    body, place = motion.body_of(work), motion.place_of(work)
     landing = _landing(work, segment)
     if landing >= 0.0:
-        _set_place(view2(work, motion.WAVE, motion.ROWS, 5), landing, place)
+        _set_place(work, landing, place)
     else:
-        _advance(place, view1(work, motion.EDGE + 8 * (segment + 1), 5))
-    velocity = body[SLIP] + _gain(law, 3, body, place)
-    rise = body[RISE] + _gain(law, 4, body, place)
-    body[TRAVEL] += _path(law, 3, body, place, body[SLIP])
-    body[AIRBORNE] += place[0] - body[0]
+        _advance(place, motion.edge_of(work, segment + 1))
+    velocity = body.slip + _gain(law, body, place)
+    rise = body.rise + _gain(fall, body, place)
+    body.travel += _path(law, body, place, body.slip)
+    body.airborne += place.phase - body.phase
     if landing < 0.0:
-        body[HEIGHT] = max(0.0, body[HEIGHT] + _path(law, 4, body, place, body[RISE]))
-        body[RISE] = rise
-        body[SLIP] = velocity
+        body.height = max(0.0, body.height + _path(fall, body, place, body.rise))
+        body.rise, body.slip = rise, velocity
     else:
-        left = max(0.0, abs(velocity) + law[1, 2] * abs(rise))
-        body[LOSS] += 0.5 * (rise * rise + velocity * velocity - left * left)
-        body[SLIP] = left if velocity > 0.0 else -left
-        body[HEIGHT] = 0.0
-        body[RISE] = 0.0
-        body[FLYING] = 0.0
-        body[LEAST] = min(body[LEAST], left)
+        left = max(0.0, abs(velocity) + motion.law_of(work, FORWARD).normal * abs(rise))
+        body.loss += 0.5 * (rise * rise + velocity * velocity - left * left)
+        body.slip = left if velocity > 0.0 else -left
+        body.height, body.rise, body.flying = 0.0, 0.0, 0.0
+        body.least = min(body.least, left)
     _advance(body, place)
 
 
 @kernel
 def _one_period(work):
     """Follow the body through one period of the deck, from phase 0 to phase 0."""
-    body = view1(work, motion.BODY, 15)
+    body = motion.body_of(work)
     edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
-    body[LEAST] = math.inf
+    body.least = math.inf
     for k in range(int(work[motion.EDGES]) - 1):
-        while body[0] < edge[k + 1, 0]:
-            if body[FLYING] == 0.0 and edge[k, 5] < 0.0:
-                body[FLYING] = 1.0
-                body[FLIGHTS] += 1.0
-            if body[FLYING] > 0.0:
+        while body.phase < edge[k + 1, 0]:
+            if body.flying == 0.0 and edge[k, 5] < 0.0:
+                body.flying = 1.0
+                body.flights += 1.0
+            if body.flying > 0.0:
                 _fly(work, k)
-            elif body[SLIP] > 0.0 or (body[SLIP] == 0.0 and edge[k, 6] > 0.0):
-                _slip(work, 1, k)
-            elif body[SLIP] < 0.0 or (body[SLIP] == 0.0 and edge[k, 7] < 0.0):
-                _slip(work, 2, k)
+            elif body.slip > 0.0 or (body.slip == 0.0 and edge[k, 6] > 0.0):
+                _slip(work, FORWARD, k)
+            elif body.slip < 0.0 or (body.slip == 0.0 and edge[k, 7] < 0.0):
+                _slip(work, BACK, k)
             else:
-                body[LEAST] = 0.0
-                _advance(body, view1(work, motion.EDGE + 8 * (k + 1), 5))
-    _advance(body, view1(work, motion.EDGE, 5))
+                body.least = 0.0
+                _advance(body, motion.edge_of(work, k + 1))
+    _advance(body, motion.edge_of(work, 0))
+
+
+# --- the regime ----------------------------------------------------------------------------------
+@kernel
+def _past(work, row):
+    """State of the body some time ago: two periods, one period, at the reference."""
+    return view1(work, motion.PAST + 4 * row, 4)
 
 
 @kernel
-def _distance(work, row):
-    """Largest difference between the body's state and a past one; infinite if only one flies."""
-    body = view1(work, motion.BODY, 15)
-    past = view2(work, motion.PAST, 3, 4)
-    if body[FLYING] != past[row, 3]:
+def _distance(now, past):
+    """Largest difference between two states of the body; infinite if only one flies."""
+    if now[3] != past[3]:
         return math.inf
     largest = 0.0
     for k in range(3):
-        largest = max(largest, abs(body[SLIP + k] - past[row, k]))
+        largest = max(largest, abs(now[k] - past[k]))
     return largest
-
-
-@kernel
-def _remember(work, row):
-    """Keep the body's state in row `row` of the past."""
-    body = view1(work, motion.BODY, 15)
-    past = view2(work, motion.PAST, 3, 4)
-    for k in range(4):
-        past[row, k] = body[SLIP + k]
 
 
 @kernel
@@ -393,31 +350,30 @@ def _extrapolate(work, scale):
     period changes by the same amount in every period: as many periods as will stay so are skipped.
     No move is longer than `scale`.
     """
-    body = view1(work, motion.BODY, 15)
-    past = view2(work, motion.PAST, 3, 4)
-    if past[0, 3] != body[FLYING] or past[1, 3] != body[FLYING]:
+    now, before, last = motion.moving_of(work), _past(work, 0), _past(work, 1)
+    least = motion.body_of(work).least
+    if before[3] != now[3] or last[3] != now[3]:
         return False
-    flight_step = max(abs(past[1, 1] - past[0, 1]), abs(past[1, 2] - past[0, 2]))
+    flight_step = max(abs(last[1] - before[1]), abs(last[2] - before[2]))
     start = 1 if flight_step > 1e-9 else 0
     end = 3 if flight_step > 1e-9 else 1
-    first = 0.0
-    mixed = 0.0
+    first, mixed = 0.0, 0.0
     for k in range(start, end):
-        step = past[1, k] - past[0, k]
+        step = last[k] - before[k]
         first += step * step
-        mixed += step * (body[SLIP + k] - past[1, k])
+        mixed += step * (now[k] - last[k])
     factor = 0.0
-    if start == 0 and body[LEAST] > 0.0:
+    if start == 0 and least > 0.0:
         if abs(mixed - first) < 1e-9 * first:
-            factor = math.floor(body[LEAST] / math.sqrt(first))
+            factor = math.floor(least / math.sqrt(first))
     elif -0.999 * first < mixed < 0.999999 * first:
         factor = mixed / (first - mixed)
     if factor * factor * first > scale * scale:
         factor = scale / math.sqrt(first)
-    if factor == 0.0 or body[HEIGHT] + factor * (body[HEIGHT] - past[1, 1]) < 0.0:
+    if factor == 0.0 or now[1] + factor * (now[1] - last[1]) < 0.0:
         return False
     for k in range(start, end):
-        body[SLIP + k] += factor * (body[SLIP + k] - past[1, k])
+        now[k] += factor * (now[k] - last[k])
     return True
 
 
@@ -427,56 +383,59 @@ def _settle(work):
 
     Differences count against the size of the deck's own acceleration and gravity.
     """
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
+    wave, now = motion.wave_of(work), motion.moving_of(work)
     scale = 1.0
     for k in range(motion.ROWS):
         for i in range(1, 5):
             scale += wave[k, 0] * wave[k, 0] * abs(wave[k, i])
-    past = view2(work, motion.PAST, 3, 4)
-    reference = 0
-    _remember(work, 1)
-    _remember(work, 2)
+    before, last, reference = _past(work, 0), _past(work, 1), _past(work, 2)
+    since = 0
+    vectors.copy(last, now)
+    vectors.copy(reference, now)
     for period in range(1, PERIODS_ACCELERATED + PERIODS_PLAIN + 1):
-        for k in range(4):
-            past[0, k] = past[1, k]
-        _remember(work, 1)
+        vectors.copy(before, last)
+        vectors.copy(last, now)
         _one_period(work)
-        if _distance(work, 2) < SAME_STATE * scale:
-            return period - reference
-        renew = period - reference >= LONGEST_REGIME
+        if _distance(now, reference) < SAME_STATE * scale:
+            return period - since
+        renew = period - since >= LONGEST_REGIME
         if period <= PERIODS_ACCELERATED:
             moved = period >= 6 and period % 3 == 0 and _extrapolate(work, scale)
-            renew = moved or period - reference >= 4
+            renew = moved or period - since >= 4
         if renew:
-            _remember(work, 2)
-            reference = period
+            vectors.copy(reference, now)
+            since = period
     return 0
+
+
+@kernel
+def clear_sums(body):
+    """Zero the sums of what is measured."""
+    body.travel, body.airborne, body.flights, body.loss = 0.0, 0.0, 0.0, 0.0
 
 
 @kernel
 def _measure(work, blocks, periods):
     """Follow the body through blocks of so many periods; the standard deviation of their travel."""
-    body = view1(work, motion.BODY, 15)
-    for k in range(TRAVEL, MEASURED):
-        body[k] = 0.0
-    body[MEASURED] = 1.0
-    mean = 0.0
-    squares = 0.0
+    body = motion.body_of(work)
+    clear_sums(body)
+    body.measured = 1.0
+    mean, squares = 0.0, 0.0
     for block in range(blocks):
-        start = body[TRAVEL]
+        start = body.travel
         for _ in range(periods):
             _one_period(work)
-        change = body[TRAVEL] - start - mean
+        change = body.travel - start - mean
         mean += change / (block + 1)
-        squares += change * (body[TRAVEL] - start - mean)
+        squares += change * (body.travel - start - mean)
     return math.sqrt(squares / (blocks - 1)) if blocks > 1 else 0.0
 
 
+# --- the model -----------------------------------------------------------------------------------
 @kernel
 def _throw_number(work):
     """Largest upward pull of the deck over g cos(alpha) [1]: the maximum of -eta''."""
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
-    node = view2(work, motion.NODE, 2, 5)
+    wave, node = motion.wave_of(work), view2(work, motion.NODE, 2, 5)
     if wave[0, 0] == 1.0 and wave[1, 0] == 0.0:
         return math.sqrt(wave[0, 3] * wave[0, 3] + wave[0, 4] * wave[0, 4])
     largest = 0.0
@@ -485,7 +444,7 @@ def _throw_number(work):
     for number in range(1, nodes + 1):
         _next_node(work, number, nodes)
         if node[0, 4] < 0.0 and node[1, 4] >= 0.0:
-            _form_static(work, 0, 3)
+            _form_static(work, motion.law_of(work, FORCE), 3)
             middle = 0.5 * (node[0, 0] + node[1, 0])
             lowest = _root(work, 3, node[0, 0], node[1, 0], False, middle)
             _, normal, _, _ = motion.wave_at(wave, lowest, 2)
@@ -494,10 +453,15 @@ def _throw_number(work):
 
 
 @kernel
+def _set_law(work, row, constant, along, normal):
+    law = motion.law_of(work, row)
+    law.constant, law.along, law.normal = constant, along, normal
+
+
+@kernel
 def _set_wave(harmonic, scale, work):
     """Rows in use times `scale`, highest order and the laws that do not depend on friction."""
-    wave = view2(work, motion.WAVE, motion.ROWS, 5)
-    law = view2(work, motion.LAW, 5, 3)
+    wave = motion.wave_of(work)
     rows = 0
     for k in range(motion.ROWS):
         size = 0.0
@@ -509,56 +473,39 @@ def _set_wave(harmonic, scale, work):
                 wave[rows, i] = harmonic[k, i] * scale
             work[motion.ORDER] = max(work[motion.ORDER], harmonic[k, 0])
             rows += 1
-    for k in range(rows, motion.ROWS):
-        for i in range(5):
-            wave[k, i] = 0.0
-    law[0, 0] = 1.0
-    law[0, 1] = 0.0
-    law[0, 2] = 1.0
-    law[4, 0] = -1.0
-    law[4, 1] = 0.0
-    law[4, 2] = -1.0
+    vectors.clear_rows(wave, rows, motion.ROWS)
+    _set_law(work, FORCE, 1.0, 0.0, 1.0)
+    _set_law(work, FALL, -1.0, 0.0, -1.0)
 
 
 @kernel
 def set_motion(harmonic, drive, result, work):
     """Clear the result, set the wave and the throw number; False if the deck is at rest."""
-    for k in range(7):
-        result[k] = 0.0
-    speed = 2.0 * math.pi * drive[0]
-    weight = motion.GRAVITY * cos(drive[1])
+    vectors.fill(result, 0.0)
+    given = record(drive, 0, motion.DRIVE)
+    speed = 2.0 * math.pi * given.frequency
+    weight = motion.GRAVITY * cos(given.inclination)
     work[motion.ORDER] = 0.0
-    if not (drive[0] > 1e-9 and weight > 0.0):
+    if not (given.frequency > 1e-9 and weight > 0.0):
         return False
     _set_wave(harmonic, speed * speed / weight, work)
     if work[motion.ORDER] == 0.0:
         return False
-    result[5] = _throw_number(work)
+    record(result, 0, motion.RESULT).throw = _throw_number(work)
     return True
-
-
-@kernel
-def _set_slip_laws(slope, friction, work):
-    """Laws of slip forward, slip back and flight along the deck; slope = tan(inclination)."""
-    law = view2(work, motion.LAW, 5, 3)
-    for k in range(1, 4):
-        grip = friction * (2 * k - 3) if k < 3 else 0.0
-        law[k, 0] = slope + grip
-        law[k, 1] = -1.0
-        law[k, 2] = grip
 
 
 @kernel
 def write_result(periods, deviation, weight, velocity_unit, result, work):
     """Means over the measured periods in SI units."""
-    body = view1(work, motion.BODY, 15)
+    body, found = motion.body_of(work), record(result, 0, motion.RESULT)
     phase = 2.0 * math.pi * periods
-    result[0] = velocity_unit * body[TRAVEL] / phase
-    result[1] = velocity_unit * deviation / (2.0 * math.pi)
-    result[2] = body[AIRBORNE] / phase
-    result[3] = body[FLIGHTS] / periods
-    result[4] = weight * velocity_unit * body[LOSS] / phase
-    result[6] = 2.0 if result[0] < -1e-9 * velocity_unit else 0.0
+    found.velocity = velocity_unit * body.travel / phase
+    found.spread = velocity_unit * deviation / (2.0 * math.pi)
+    found.airborne = body.airborne / phase
+    found.flights = body.flights / periods
+    found.dissipation = weight * velocity_unit * body.loss / phase
+    found.status = 2.0 if found.velocity < -1e-9 * velocity_unit else 0.0
 
 
 @kernel
@@ -582,20 +529,21 @@ def rigid_body(harmonic, drive, result, work):
     """
     if not set_motion(harmonic, drive, result, work):
         return
-    speed = 2.0 * math.pi * drive[0]
-    weight = motion.GRAVITY * cos(drive[1])
-    throw = result[5]
-    slope = tan(drive[1])
-    if not abs(slope) < drive[2]:
-        result[6] = 1.0
+    given, found = record(drive, 0, motion.DRIVE), record(result, 0, motion.RESULT)
+    speed = 2.0 * math.pi * given.frequency
+    weight = motion.GRAVITY * cos(given.inclination)
+    slope = tan(given.inclination)
+    if not abs(slope) < given.friction:
+        found.status = 1.0
         return
-    _set_slip_laws(slope, drive[2], work)
+    _set_law(work, FORWARD, slope - given.friction, -1.0, -given.friction)
+    _set_law(work, BACK, slope + given.friction, -1.0, given.friction)
+    _set_law(work, FLIGHT, slope, -1.0, 0.0)
     _find_edges(work)
-    for k in range(15):
-        work[motion.BODY + k] = 0.0
-    _advance(view1(work, motion.BODY, 15), view1(work, motion.EDGE, 5))
+    vectors.fill(view1(work, motion.BODY_AT, len(motion.BODY)), 0.0)
+    _advance(motion.body_of(work), motion.edge_of(work, 0))
     regime = _settle(work)
     blocks = 1 if regime > 0 else BLOCKS
-    periods = regime if regime > 0 else block_periods(throw)
+    periods = regime if regime > 0 else block_periods(found.throw)
     deviation = _measure(work, blocks, periods)
     write_result(blocks * periods, deviation / periods, weight, weight / speed, result, work)
