@@ -15,7 +15,7 @@ __all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
 # value and its unit, {range} what may be given.
 TEXT = {
     # of numbers of a configuration, of inputs and of parameters
-    "not_finite": "{given} is not a finite number: {cure}",
+    "not_finite": "{given} is not a finite number ({range}): {cure}",
     "too_small": "{given} is out of range ({range}): {cure}",
     "too_large": "{given} is out of range ({range}): {cure}",
     "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "

@@ -100,7 +100,8 @@ class Number(Entry):
         plain = type(value) is float and not self.whole
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
-            raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('not_finite')}")
+            cure = self.cure_of("not_finite")
+            raise self.error(f"{name} = {value!r} is not {kind} ({self.range}): {cure}")
         number = as_float(value)
         least, most = self.limits
         if not math.isfinite(number):
@@ -138,6 +139,8 @@ class Number(Entry):
         """The limits in words."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         least, most = self.bounds
+        if least is None and most is None:
+            return "any"
         low = "" if least is None else f"{'from ' if self.above is None else 'above '}{least:.6g}"
         high = "" if most is None else f"{'to ' if self.below is None else 'below '}{most:.6g}"
         if self.above is None and self.below is None and low and high:
@@ -158,8 +161,7 @@ class Number(Entry):
         if text == "too_large" and self.unit in _CONFUSED:
             return confused_units(self.unit, self.key)
         kind = "a whole number" if self.whole else "a number"
-        where = f", {self.range}" if text == "not_finite" and self.range else " in this range"
-        return f"give {kind}{where} ({self.key} in a TOML file)"
+        return f"give {kind} in this range ({self.key} in a TOML file)"
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,14 @@ SENSES = {"with_flow": 1.0, "against_flow": -1.0}
 _SOLVERS = {"rigid_body": rigid_body, "bed": solve_bed}
 
 
-_LENGTH = Number("", "m", at_least=-MAX_AMPLITUDE, at_most=MAX_AMPLITUDE, error=InputError)
+_LENGTH = Number(
+    "",
+    "m",
+    at_least=-MAX_AMPLITUDE,
+    at_most=MAX_AMPLITUDE,
+    cure="were millimetres meant? give metres",
+    error=InputError,
+)
 _TURN = 2.0 * math.pi
 _PHASE = Number("", "rad", at_least=-_TURN, at_most=_TURN, cure="give radians", error=InputError)
 

@@ -14,7 +14,9 @@ from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import given, told
-from vibroscreen.screen import Screen
+from vibroscreen.kernels.entry import CHECK, run
+from vibroscreen.kernels.state import ACCEPTED
+from vibroscreen.screen import Screen, fill, refusal, slice_layout
 from vibroscreen_fmu.port import TOLERANCE, Port, Steps
 from vibroscreen_fmu.ports import ports
 from vibroscreen_fmu.row_slave import RowSlave, refusing
@@ -96,6 +98,7 @@ class ScreenSlave(RowSlave):
         fixed = self._fixed
         if np.array_equal(parameters[fixed], self._built_with[fixed]):
             return self._screen
+        self._check_fixed(parameters)
         # Tunable ones have no part in how a screen is laid out: a state that was tuned since fits.
         table = [port for port in self._table if port.causality == "parameter" and port.path]
         changed = [port for port in table if parameters[port.reference] != port.start]
@@ -106,6 +109,15 @@ class ScreenSlave(RowSlave):
         for port in changed:
             row[port.reference] = parameters[port.reference]
         return screen
+
+    def _check_fixed(self, parameters: NDArray[np.float64]) -> None:
+        """Check the fixed parameters of a screen that is to be."""
+        layout = slice_layout(self._config)
+        buffer = layout.buffer()
+        fill(layout, buffer, self._config)
+        buffer[layout.section["parameters"]][self._fixed] = parameters[self._fixed]
+        if run(buffer, CHECK, 0.0, 0.0) != ACCEPTED:
+            raise refusal(layout, buffer)
 
 
 @functools.lru_cache(maxsize=4)

@@ -604,7 +604,7 @@ def test_platforms_that_are_not_possible_are_said(
     ):
         write_native_fmu(config, tmp_path, ["vax"])
     monkeypatch.setattr(library, "library", lambda target=None: None)
-    monkeypatch.setattr(library, "_found", lambda target: None)
+    monkeypatch.setattr(library, "at_hand", dict)
     for platforms in ((), ["win64"]):
         with pytest.raises(ConfigError, match=r"nothing here can link one: pip install ziglang"):
             write_native_fmu(config, tmp_path, platforms)

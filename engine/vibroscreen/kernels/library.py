@@ -8,6 +8,7 @@ makes that of a platform, this machine's if none is given.
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
 from vibroscreen.compiler.library import (
@@ -43,8 +44,8 @@ def _records() -> str:
 def native_sources(target: str) -> dict[str, bytes]:
     """The C layer of FMUs, with its header for a platform."""
     from vibroscreen.compiler import machine
-    from vibroscreen.native import header
 
+    header = import_module("vibroscreen.native.header")  # which an FMU does not bring
     _load()
     files = {name: (NATIVE / name).read_bytes() for name in LAYER}
     text = machine.prototypes() + header.header("-".join(stamps()), SUFFIX[target])

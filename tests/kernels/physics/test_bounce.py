@@ -405,7 +405,7 @@ def test_percolation_rises_with_the_stroke() -> None:
 
 
 def test_what_a_user_may_get_wrong() -> None:
-    with pytest.raises(ConfigError, match=r"passage.rim = 1.2 is larger than 1"):
+    with pytest.raises(ConfigError, match=r"passage.rim = 1.2 is out of range"):
         Passage("bounce", rim=1.2)
     with pytest.raises(ConfigError, match=r"passage.closure = 'throw' is unknown"):
         Passage("bounce", closure="throw")
