@@ -12,12 +12,12 @@ __all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
 
 # What the runtimes of an FMU say, with and without Python: this table is all there is of it. In
 # braces stand names of texts, or of numbers with the digits that are shown. {given} is a name, its
-# value and its unit, {range} what may be given.
+# value and its unit, {range} what may be given, in brackets.
 TEXT = {
     # of numbers of a configuration, of inputs and of parameters
-    "not_finite": "{given} is not a finite number ({range}): {cure}",
-    "too_small": "{given} is out of range ({range}): {cure}",
-    "too_large": "{given} is out of range ({range}): {cure}",
+    "not_finite": "{given} is not a finite number{range}: {cure}",
+    "too_small": "{given} is out of range{range}: {cure}",
+    "too_large": "{given} is out of range{range}: {cure}",
     "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "
     "fractions of all size classes",
     "too_steep": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is too steep for the friction at "

@@ -101,7 +101,7 @@ class Number(Entry):
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
             cure = self.cure_of("not_finite")
-            raise self.error(f"{name} = {value!r} is not {kind} ({self.range}): {cure}")
+            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {cure}")
         number = as_float(value)
         least, most = self.limits
         if not math.isfinite(number):
@@ -136,16 +136,16 @@ class Number(Entry):
 
     @property
     def range(self) -> str:
-        """The limits in words."""
+        """The limits in words, in brackets; nothing where there are none."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         least, most = self.bounds
         if least is None and most is None:
-            return "any"
+            return ""
         low = "" if least is None else f"{'from ' if self.above is None else 'above '}{least:.6g}"
         high = "" if most is None else f"{'to ' if self.below is None else 'below '}{most:.6g}"
         if self.above is None and self.below is None and low and high:
             low = low.removeprefix("from ")
-        return f"{low}{' ' if low and high else ''}{high}{unit}"
+        return f" ({low}{' ' if low and high else ''}{high}{unit})"
 
     def write(self, value: Any) -> Any:
         return value if self.whole or value is None else from_si(value, self.factor)

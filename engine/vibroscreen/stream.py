@@ -38,6 +38,8 @@ _RATE = Number(
     cure="give a finite rate, 0 for no feed",
     error=InputError,
 )
+# A number whose limits are checked after the type of all.
+_ANY = Number("mass_fraction", cure="give a share of the mass", error=InputError)
 _LEAST, _MOST = _RATE.limits
 _FRACTION = Number(
     "mass_fraction",
@@ -49,7 +51,6 @@ _FRACTION = Number(
     cure="give a share of the mass",
     error=InputError,
 )
-_ANY = Number("mass_fraction", cure="give a share of the mass", error=InputError)
 
 
 def fractions_of_passing(passing: Sequence[float]) -> tuple[float, ...]:

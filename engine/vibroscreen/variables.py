@@ -78,10 +78,10 @@ class Variable:
 
     @property
     def range(self) -> str:
-        """The limits in words."""
+        """The limits in words, in brackets."""
         if isinstance(self.entry, Number):
             return self.entry.range
-        return f"1 to {len(self.entry.names())}"
+        return f" (1 to {len(self.entry.names())})"
 
     def cure(self, text: str) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told."""

@@ -557,35 +557,35 @@ TOML_REFUSALS = {
     "NaN": (
         EDGES + "[[deck]]\n[[deck.panel]]\nopen_area = nan",
         (
-            "deck[1].panel[1].open_area = nan is not a finite number: give the open part of the deck's area"
+            "deck[1].panel[1].open_area = nan is not a finite number (0 to 1): give the open part of the deck's area"
         ),
     ),
     "infinite": (
         EDGES + "[drive]\nvibrating_mass_kg = inf",
         (
-            "drive.vibrating_mass = inf kg is not a finite number: give a number, 0 to 1e+06 kg (vibrating_mass_kg in a TOML file)"
+            "drive.vibrating_mass = inf kg is not a finite number (0 to 1e+06 kg): give a number in this range (vibrating_mass_kg in a TOML file)"
         ),
     ),
     "beyond the range of a double": (
         EDGES + f"[drive]\nvibrating_mass_kg = 1{'0' * 400}",
         (
-            "drive.vibrating_mass = inf kg is not a finite number: give a number, 0 to 1e+06 kg (vibrating_mass_kg in a TOML file)"
+            "drive.vibrating_mass = inf kg is not a finite number (0 to 1e+06 kg): give a number in this range (vibrating_mass_kg in a TOML file)"
         ),
     ),
     "bool for a number": (
         EDGES + "[material]\nfriction_deck = true",
-        ("material.friction_deck = True is not a number: give a friction coefficient"),
+        ("material.friction_deck = True is not a number (0 to 100): give a friction coefficient"),
     ),
     "text for a number": (
         EDGES + '[bed]\ncontact_depth_mm = "20"',
         (
-            "bed.contact_depth = '20' is not a number: give a number, 1e-09 to 5 m (contact_depth_mm in a TOML file)"
+            "bed.contact_depth = '20' is not a number (1e-09 to 5 m): give a number in this range (contact_depth_mm in a TOML file)"
         ),
     ),
     "fraction for a whole number": (
         EDGES + "[bed]\nlayers = 8.5",
         (
-            "bed.layers = 8.5 is not a whole number: give a whole number, 2 to 10000 (layers in a TOML file)"
+            "bed.layers = 8.5 is not a whole number (2 to 10000): give a whole number in this range (layers in a TOML file)"
         ),
     ),
     "one layer": (

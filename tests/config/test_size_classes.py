@@ -366,13 +366,13 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
         (
             (0.0, float("nan")),
             (
-                "size_classes.edges[2] = nan m is not a finite number: give a number, 0 to 10 m (edges_mm in a TOML file)"
+                "size_classes.edges[2] = nan m is not a finite number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
         (
             (0.0, True),
             (
-                "size_classes.edges[2] = True is not a number: give a number, 0 to 10 m (edges_mm in a TOML file)"
+                "size_classes.edges[2] = True is not a number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
     ],
@@ -395,7 +395,7 @@ def test_refusals_of_limits(edges: tuple[float, ...], message: str) -> None:
         (
             2.0,
             (
-                "size_classes.subdivision = 2.0 is not a whole number: give a whole number, 0 to 100 (subdivision in a TOML file)"
+                "size_classes.subdivision = 2.0 is not a whole number (0 to 100): give a whole number in this range (subdivision in a TOML file)"
             ),
         ),
     ],

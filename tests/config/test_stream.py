@@ -59,13 +59,13 @@ def test_feed_takes_arrays() -> None:
             math.nan,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = nan kg/s is not a finite number: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = nan kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             math.inf,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = inf kg/s is not a finite number: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = inf kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             -2.0,
@@ -77,7 +77,7 @@ def test_feed_takes_arrays() -> None:
             True,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = True is not a number: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = True is not a number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             1.0,
