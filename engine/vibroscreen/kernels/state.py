@@ -247,7 +247,6 @@ SWITCH = Record(
     "closed_cohorts",
     "steady_scene",
     "displacement",
-    "partition",
 )
 
 # Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.

@@ -32,7 +32,6 @@ GAUSS = (
 # --- roots ---------------------------------------------------------------------------------------
 @kernel
 def _set_place(work, phase, place):
-    """Place of the deck at a phase."""
     along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 0)
     place.phase = phase
     place.along, place.along_rate = along, along_rate
@@ -109,7 +108,6 @@ def _add_edge(work, phase):
 
 @kernel
 def _law_at(work, law, phase):
-    """What a law gives at a phase."""
     along, normal, _, _ = motion.wave_at(motion.wave_of(work), phase, 2)
     return law.constant + law.along * along + law.normal * normal
 
@@ -201,7 +199,6 @@ def _path(law, body, place, rate):
 
 @kernel
 def _advance(body, place):
-    """The body's phase becomes that of place."""
     body.phase = place.phase
     body.along, body.along_rate = place.along, place.along_rate
     body.normal, body.normal_rate = place.normal, place.normal_rate
@@ -410,7 +407,6 @@ def _settle(work):
 
 @kernel
 def clear_sums(body):
-    """Zero the sums of what is measured."""
     body.travel, body.airborne, body.flights, body.loss = 0.0, 0.0, 0.0, 0.0
 
 
