@@ -485,7 +485,6 @@ def skips() -> list[Skip]:
         Skip("closed_cohorts", "new frequency", default, "cohorts_followed", "frequency"),
         Skip("steady_scene", "steady", default, "steady_steps"),
         Skip("displacement", "steady", default, "displacement_solutions", less=True),
-        Skip("partition", "new frequency", default, "partitions", "frequency", less=True),
     ]
 
 

@@ -207,5 +207,3 @@ def write_streams(buffer, duration):
         between.rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
     write_recovery(buffer)
     state.memory(buffer).unread = 1.0
-    if state.switches(buffer).partition == 0.0:
-        read_partition(buffer)

@@ -116,7 +116,7 @@ COUNTER = Record(
 # What may be left out, each with its counter; 1 = on (the default), 0 = off.
 SWITCH = Record(
     "coarse_sizes empty_sizes used_up_sizes explicit idle_packages shared_trajectory",
-    "closed_cohorts steady_scene displacement partition",
+    "closed_cohorts steady_scene displacement",
 )
 
 # Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.

@@ -193,7 +193,6 @@ def solve_many(buffer, count, rebuild):
 
 @kernel
 def write_figures(buffer, figure):
-    """Figures of a steady solution."""
     outputs.read_partition(buffer)
     output, scene = state.outputs(buffer), state.scene(buffer, state.AT.scene, 0, 0)
     decks = state.extent(buffer).decks

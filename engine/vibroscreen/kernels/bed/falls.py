@@ -66,7 +66,6 @@ def landing_places(buffer):
 
 @kernel
 def clear_landing(buffer, count):
-    """Nothing lands on the packages of a deck."""
     for row in range(count):
         vectors.fill(state.node_vector(buffer, state.AT.landing, row), 0.0)
 

@@ -236,7 +236,6 @@ def cross_lead(buffer, deck):
 # --- cells ---------------------------------------------------------------------------------------
 @kernel
 def new_cell(buffer, deck, panel):
-    """A slot for the next cell of the cohort."""
     book = state.book(buffer, deck)
     index = package.new_slot(buffer, deck)
     package.put_on_panel(buffer, deck, index, panel)

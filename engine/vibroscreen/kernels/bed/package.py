@@ -21,7 +21,6 @@ def lengths(buffer, deck):
 
 @kernel
 def layers_of(buffer, deck, index):
-    """Number of layers of a package."""
     return int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
 
 
@@ -68,7 +67,6 @@ def put_on_panel(buffer, deck, index, panel):
 
 @kernel
 def scene_of(buffer, deck, index):
-    """Scene of the panel on which a package counts."""
     return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
 
 
@@ -148,7 +146,6 @@ def use_pace(book, pace):
 
 @kernel
 def slot_at(buffer, deck, place):
-    """Slot of the package at a place of the queue."""
     return int(state.package_vector(buffer, state.AT.queue, deck)[place])
 
 

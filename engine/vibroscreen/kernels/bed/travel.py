@@ -10,7 +10,6 @@ from vibroscreen.kernels import state
 
 @kernel
 def panel_count(buffer, deck):
-    """Number of panels of a deck."""
     return int(state.vector(buffer, state.AT.panel_count, state.extent(buffer).decks, 0)[deck])
 
 
@@ -106,13 +105,11 @@ def place_after(buffer, deck, time):
 
 @kernel
 def panel_cells(buffer, deck, panel):
-    """Number of cells of the cohort on a panel."""
     return int(state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)[panel])
 
 
 @kernel
 def cell_count(buffer, deck):
-    """Number of cells of the cohort on a deck."""
     count = 0
     for panel in range(panel_count(buffer, deck)):
         count += panel_cells(buffer, deck, panel)

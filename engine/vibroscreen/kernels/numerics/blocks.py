@@ -1,7 +1,8 @@
 """Columns as the schemes hold them: of the sizes that take part, in blocks of `stage` and `trial`.
 
 A block is what passed, the loads of the layers, and the composition of the top one in the row above
-it, as vectors over the sizes that take part, a multiple of four.
+it, as vectors over the sizes that take part, a multiple of four: `stage` and `trial` give it as one
+vector, stage_passed and stage_load[layer, size] (and those of trial) its parts.
 """
 
 from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
@@ -23,7 +24,6 @@ def active_vector(buffer, at, row):
 
 @kernel
 def active_column(buffer, at):
-    """A work column over the sizes that take part."""
     return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
 
 
@@ -52,13 +52,11 @@ def _load(buffer, at, index):
 
 @kernel
 def stage(buffer, index):
-    """A block of `stage` as one vector."""
     return _whole(buffer, state.AT.stage, index)
 
 
 @kernel
 def stage_passed(buffer, index):
-    """What passed, in a block of `stage`."""
     return _passed(buffer, state.AT.stage, index)
 
 
@@ -91,19 +89,16 @@ def step_ends(buffer):
 
 @kernel
 def trial(buffer, index):
-    """A block of `trial` as one vector."""
     return _whole(buffer, state.AT.trial, index)
 
 
 @kernel
 def trial_passed(buffer, index):
-    """What passed, in a block of `trial`."""
     return _passed(buffer, state.AT.trial, index)
 
 
 @kernel
 def trial_load(buffer, index):
-    """Loads of a block of `trial` [layer, active size]."""
     return _load(buffer, state.AT.trial, index)
 
 

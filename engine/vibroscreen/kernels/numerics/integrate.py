@@ -90,7 +90,6 @@ def advance_block(buffer, scene, book, step, layers):
 
 @kernel
 def rates_now(buffer, scene, layers, moment):
-    """Rates of the block NOW into K1."""
     rates.keep_top_share(buffer, layers)
     rates.column_rates(buffer, scene, blocks.NOW, layers, blocks.K1, moment)
 

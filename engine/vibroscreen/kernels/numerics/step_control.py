@@ -199,7 +199,6 @@ def explicit_length(buffer, scene, book, step, layers):
 
 @kernel
 def try_explicit(buffer, scene, step, layers):
-    """Do the stages of the step; its error, a part of what was fed."""
     h, moment = step.length, step.duration - step.left
     if step.scheme == explicit.CHAIN:
         return chain.chain_step(

@@ -1,4 +1,7 @@
-"""Vectors and the rows of columns: what is done to all of their numbers, one after the other."""
+"""Vectors and the rows of columns: what is done to all of their numbers, one after the other.
+
+add: to + factor x; divide: a vector and the first rows of a column, by one number.
+"""
 
 from vibroscreen.compiler.language import kernel
 
@@ -17,7 +20,6 @@ def copy(to, x):
 
 @kernel
 def add(to, factor, x):
-    """Add factor times a vector."""
     for i in range(to.size):
         to[i] += factor * x[i]
 
@@ -55,7 +57,6 @@ def add_rows(to, factor, load, rows):
 
 @kernel
 def divide(fed, load, rows, divisor):
-    """Divide a vector and the first rows of a column."""
     for i in range(fed.size):
         fed[i] /= divisor
     for j in range(rows):

@@ -42,7 +42,6 @@ WORK_SIZE = CONSTANT + 5
 
 @kernel
 def wave_of(work):
-    """Harmonics of the deck's motion, by row."""
     return view2(work, WAVE, ROWS, 5)
 
 
@@ -60,19 +59,16 @@ def moving_of(work):
 
 @kernel
 def law_of(work, row):
-    """Law `row`."""
     return record(work, LAWS + 3 * row, LAW)
 
 
 @kernel
 def edge_of(work, k):
-    """Place of an edge between segments."""
     return record(work, EDGE + 8 * k, PLACE)
 
 
 @kernel
 def place_of(work):
-    """A place in between."""
     return record(work, PLACE_AT, PLACE)
 
 

@@ -32,7 +32,6 @@ GAUSS = (
 # --- roots ---------------------------------------------------------------------------------------
 @kernel
 def _set_place(work, phase, place):
-    """Place of the deck at a phase."""
     along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 0)
     place.phase = phase
     place.along, place.along_rate = along, along_rate
@@ -108,9 +107,8 @@ def _add_edge(work, phase):
 
 
 @kernel
-def _law_at(work, law, phase):
-    """What a law gives at a phase."""
-    along, normal, _, _ = motion.wave_at(motion.wave_of(work), phase, 2)
+def _pull(law, along, normal):
+    """What a law gives where xi'' and eta'' are these."""
     return law.constant + law.along * along + law.normal * normal
 
 
@@ -119,8 +117,7 @@ def _bracket_law(work, law):
     """Add the roots of a law between the two nodes, also a pair around an extremum inside."""
     node = view2(work, motion.NODE, 2, 5)
     low, high = node[0, 0], node[1, 0]
-    before = law.constant + law.along * node[0, 1] + law.normal * node[0, 2]
-    after = law.constant + law.along * node[1, 1] + law.normal * node[1, 2]
+    before, after = _pull(law, node[0, 1], node[0, 2]), _pull(law, node[1, 1], node[1, 2])
     positive = before > 0.0
     if positive != (after > 0.0):
         _form_static(work, law, 2)
@@ -133,7 +130,8 @@ def _bracket_law(work, law):
     if towards_zero and (rate_before > 0.0) != (rate_after > 0.0):
         _form_static(work, law, 3)
         extremum = _root(work, 3, low, high, rate_before > 0.0, 0.5 * (low + high))
-        if (_law_at(work, law, extremum) > 0.0) != positive:
+        along, normal, _, _ = motion.wave_at(motion.wave_of(work), extremum, 2)
+        if (_pull(law, along, normal) > 0.0) != positive:
             _form_static(work, law, 2)
             _add_edge(work, _root(work, 2, low, extremum, positive, 0.5 * (low + extremum)))
             _add_edge(work, _root(work, 2, extremum, high, not positive, 0.5 * (extremum + high)))
@@ -176,9 +174,10 @@ def _find_edges(work):
         _set_place(work, edge[k, 0], motion.edge_of(work, k))
         if k < count:
             middle = 0.5 * (edge[k, 0] + edge[k + 1, 0])
+            along, normal, _, _ = motion.wave_at(motion.wave_of(work), middle, 2)
             for row in range(FORCE, BACK + 1):
-                value = _law_at(work, motion.law_of(work, row), middle)
-                edge[k, 5 + row] = 1.0 if value > 0.0 else -1.0
+                pulls = _pull(motion.law_of(work, row), along, normal) > 0.0
+                edge[k, 5 + row] = 1.0 if pulls else -1.0
 
 
 # --- slip and flight -----------------------------------------------------------------------------
@@ -201,7 +200,6 @@ def _path(law, body, place, rate):
 
 @kernel
 def _advance(body, place):
-    """The body's phase becomes that of place."""
     body.phase = place.phase
     body.along, body.along_rate = place.along, place.along_rate
     body.normal, body.normal_rate = place.normal, place.normal_rate
@@ -410,7 +408,6 @@ def _settle(work):
 
 @kernel
 def clear_sums(body):
-    """Zero the sums of what is measured."""
     body.travel, body.airborne, body.flights, body.loss = 0.0, 0.0, 0.0, 0.0
 
 
