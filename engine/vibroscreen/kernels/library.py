@@ -10,17 +10,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from vibroscreen.compiler.library import (
-    STAMP,
-    SUFFIX,
-    Library,
-    cache_folder,
-    host,
-    says,
-    stamp_note,
-)
+from vibroscreen.compiler.library import STAMP, SUFFIX, Library, cache_folder, host, stamp_note
 
-__all__ = ["STAMP", "SUFFIX", "cache_folder", "host", "says", "stamp_note"]
+__all__ = ["STAMP", "SUFFIX", "cache_folder", "host", "stamp_note"]
 
 FOLDER = Path(__file__).parent
 NATIVE = FOLDER.parent / "native"

@@ -77,7 +77,6 @@ def plan(buffer, aperture, velocity):
         for k in range(panels):
             factor[k] = 1.0
             if aperture.size > 0 and first != 0.0:
-                factor[k] = (
-                    between(aperture, velocity, state.panel(buffer, deck, k).aperture) / first
-                )
+                panel = state.panel(buffer, deck, k)
+                factor[k] = between(aperture, velocity, panel.aperture) / first
     place_nodes(buffer)
