@@ -88,6 +88,18 @@ def step_ends(buffer):
 
 
 @kernel
+def follows_share(buffer, layers):
+    """Whether the composition of the top layer is followed beside its masses."""
+    return layers > 1 and state.extent(buffer).source_terms == 0.0
+
+
+@kernel
+def rows_followed(buffer, layers):
+    """Length of the part of a block that a scheme advances."""
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.extent(buffer).active
+
+
+@kernel
 def trial(buffer, index):
     return _whole(buffer, state.AT.trial, index)
 

@@ -179,11 +179,12 @@ def fill_block(buffer, load, reference, layers):
 
 
 @kernel
-def add_spread(buffer, to, load, rows):
-    """Add the rows of a block to those of a column."""
+def add_spread(buffer, straight, to, load, rows):
+    """Add the rows of a block to those of a column; the first `straight` sizes keep their places.
+
+    Those are most: plain sums, which are fast.
+    """
     place, share = places(buffer)
-    # Most sizes keep their places: plain sums, which are fast.
-    straight = places_kept(place)
     for j in range(rows):
         for i in range(straight):
             to[j, i] += share[i] * load[j, i]
@@ -218,7 +219,7 @@ def scatter(buffer, load, layers, rows, elapsed):
                 load[j, i] = share[i] * now[j, n]
     vectors.clear_rows(load, layers, rows)
     time = state.column(buffer, state.AT.column_time, 0)
-    add_spread(buffer, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
+    add_spread(buffer, straight, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
 
 @kernel

@@ -4,7 +4,6 @@ from vibroscreen.compiler.fours import all_four, apart, four, larger, largest, p
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks
-from vibroscreen.kernels.numerics.rates import rows_followed
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
 PAIR, CHAIN = range(2)
@@ -58,7 +57,7 @@ def take_explicit(buffer, layers, last_rates):
         put_four(y, i, value)
         debts = larger(debts, 0.0 - value)
     if last_rates:
-        for i in range(0, rows_followed(buffer, layers), 4):
+        for i in range(0, blocks.rows_followed(buffer, layers), 4):
             put_four(k1, i, four(k7, i))
     return largest(debts) == 0.0
 

@@ -183,7 +183,7 @@ def advance_implicit(buffer, scene, book, step, layers):
         until = parts.time_in_part(buffer, moment, step.left)
         before_sum = blocks.stage(buffer, blocks.K2)
         vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
-    step.length = step_control.implicit_length(buffer, scene, book, step, layers, until)
+    step.length = implicit.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
     layers = implicit.take_implicit(buffer, scene, rows, step.length)

@@ -82,4 +82,5 @@ def give_to_part(buffer, rows, duration):
         else:
             passed[i] += duration * flux[i]
             passed[i] += share[i] * gone[n] if n >= 0 else 0.0
-    column.add_spread(buffer, load, blocks.trial_load(buffer, blocks.OF_PART), rows)
+    straight = column.places_kept(place)
+    column.add_spread(buffer, straight, load, blocks.trial_load(buffer, blocks.OF_PART), rows)

@@ -4,15 +4,7 @@ A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen
 rates; one place here moves mass, `column_rates`, and every sum is kept to round-off.
 """
 
-from vibroscreen.compiler.fours import (
-    all_four,
-    four,
-    four_in,
-    larger,
-    put_four,
-    put_four_in,
-    total,
-)
+from vibroscreen.compiler.fours import all_four, four, four_in, larger, put_four, put_four_in, total
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, reconstruction
@@ -91,7 +83,7 @@ def column_rates(buffer, scene, now, layers, rate, moment):
     upper = (layers - 2) * scene.layer_full
     scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
     lower, upper = reconstruction.faces(buffer, load, layers)
-    falling = follows_share(buffer, layers)
+    falling = blocks.follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     lost = pass_through(load, contact, pace, weight, passing, change)
@@ -126,18 +118,6 @@ def column_rates(buffer, scene, now, layers, rate, moment):
         full = scene.layer_full
     land(buffer, change, layers - 1, moment)
     state.counters(buffer).rates += 1.0
-
-
-@kernel
-def follows_share(buffer, layers):
-    """Whether the composition of the top layer is followed beside its masses."""
-    return layers > 1 and state.extent(buffer).source_terms == 0.0
-
-
-@kernel
-def rows_followed(buffer, layers):
-    """Length of the part of a block that a scheme advances."""
-    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.extent(buffer).active
 
 
 @kernel
