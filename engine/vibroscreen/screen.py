@@ -528,12 +528,13 @@ def refusal_of(
     if key == "bad_sum":
         return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
     variable = variable_at(layout, buffer, int(index))
+    most = layout.view(buffer, "limit")[int(index) - layout.section["parameters"].start, 1]
     text = told(
         key,
         name=variable.name,
         given=given(variable.name, value, variable.unit),
-        range=variable.range,
-        cure=variable.cure(key),
+        range=variable.range(most),
+        cure=variable.cure(key, most),
         value=value,
         limit=limit,
         degrees=value / DEG,
