@@ -23,8 +23,8 @@ from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, R
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
-from vibroscreen.kernels.state import Layout
 from vibroscreen.kernels.steady import FEED_RATE
+from vibroscreen.layout import Layout
 from vibroscreen.motion import Motion
 from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes

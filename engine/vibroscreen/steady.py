@@ -14,7 +14,7 @@ from vibroscreen import performance
 from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
-from vibroscreen.kernels.state import Layout
+from vibroscreen.layout import Layout
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
 

@@ -16,7 +16,7 @@ from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import SOLVE_MANY, run
-from vibroscreen.kernels.state import Layout
+from vibroscreen.layout import Layout
 from vibroscreen.screen import (
     check_supported,
     fill,

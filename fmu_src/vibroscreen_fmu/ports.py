@@ -15,7 +15,8 @@ import numpy as np
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.fields import Choice
-from vibroscreen.kernels.state import DECK_BED, DIMENSION, INTERMEDIATE, OUTPUT, Layout
+from vibroscreen.kernels.state import DECK_BED, DIMENSION, INTERMEDIATE, OUTPUT
+from vibroscreen.layout import Layout
 from vibroscreen.screen import fill, nodes_of, settings_of
 from vibroscreen.variables import Variable
 from vibroscreen_fmu.port import Enumeration, Port

@@ -2,22 +2,16 @@
 
     [ header | parameters | inputs | outputs | constants | state | work ]
 
-`Layout` computes the offsets in Python and hands out numpy views by name. Kernels read the same
+../layout.py computes the offsets in Python and hands out numpy views by name. Kernels read the same
 offsets from the header and see the same fields as views. What lies from `inputs` up to `work` is
 the whole state of an instance: copying it copies the screen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from math import prod
-from typing import Any
+from collections.abc import Iterable
 
-import numpy as np
-
-from vibroscreen.compiler.fours import in_fours
-from vibroscreen.compiler.language import Places, Record, Row, kernel, record, view1, view2
+from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
 from vibroscreen.variables import INPUTS, PANELS, PARAMETERS, Variable
 
 
@@ -292,99 +286,6 @@ KINDS = {
 }
 FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
-
-
-def _extent(known: Mapping[str, int], symbol: str | int | Record) -> int:
-    if isinstance(symbol, Record):
-        return len(symbol)
-    return known[symbol] if isinstance(symbol, str) else symbol
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Offsets and shapes of all fields for given dimensions.
-
-    `dimension` maps every name of DIMENSION to a whole number.
-    """
-
-    dimension: dict[str, int]
-    offset: dict[str, int] = field(init=False)
-    shape: dict[str, tuple[int, ...]] = field(init=False)
-    span: dict[str, slice] = field(init=False)
-    section: dict[str, slice] = field(init=False)
-    size: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        known = dict(self.dimension)
-        known["edges"] = known["classes"] + 1
-        known["seen"] = (
-            len(PARAMETER)
-            + len(INPUT)
-            + known["classes"]
-            + known["decks"] * known["panels"] * len(PANEL)
-            + 5 * MAX_HARMONICS
-        )
-        known["all_panels"] = known["decks"] * known["panels"]
-        known["setting"] = sum(
-            prod(_extent(known, symbol) for symbol in symbols)
-            for title in ("parameters", "inputs")
-            for symbols in SECTIONS[title].values()
-        )
-        known["result"] = len(FIGURE) + (OVER + known["decks"]) * known["classes"]
-        known["lower_decks"] = known["decks"] - 1
-        known["deck_streams"] = 2 * known["decks"]
-        known["streams"] = OVER + known["decks"]
-        known["ledger_rows"] = 2 * known["streams"]
-        known["knot_rows"] = known["decks"] * known["knots"]
-        known["fall_rows"] = known["decks"] * known["falls"]
-        known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
-        known["block"] = (known["layers"] + 2) * known["sizes"]
-        offset: dict[str, int] = {}
-        shape: dict[str, tuple[int, ...]] = {}
-        span: dict[str, slice] = {}
-        section: dict[str, slice] = {}
-        position = HEADER_SIZE
-        for title, fields in SECTIONS.items():
-            start = position
-            for name, symbols in fields.items():
-                shape[name] = tuple(_extent(known, symbol) for symbol in symbols)
-                offset[name] = position
-                position += prod(shape[name])
-                span[name] = slice(offset[name], position)
-            section[title] = slice(start, position)
-        for name, value in (
-            ("offset", offset),
-            ("shape", shape),
-            ("span", span),
-            ("section", section),
-            ("size", position),
-        ):
-            object.__setattr__(self, name, value)
-
-    @property
-    def persistent(self) -> slice:
-        """All that an instance must remember: parameters to state."""
-        return slice(self.section["parameters"].start, self.section["state"].stop)
-
-    def buffer(self) -> np.ndarray:
-        """A zeroed buffer with its header written."""
-        buffer = np.zeros(self.size)
-        buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
-        buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
-        return buffer
-
-    def view(self, buffer: np.ndarray, name: str) -> np.ndarray:
-        """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
-        return buffer[self.span[name]].reshape(self.shape[name])
-
-    def record(self, buffer: np.ndarray, name: str) -> Any:
-        """The record `name` of `buffer`, or an array of them: `.aperture` reads and writes it."""
-        kind = KINDS[name]
-        *extents, _ = self.shape[name]
-        if not extents:
-            return Row(buffer, self.offset[name], kind)
-        rows = buffer[self.span[name]].view(np.dtype((np.record, kind.dtype)))
-        return rows.reshape(extents).view(np.recarray)
 
 
 # Places in the header that hold the offsets of the fields.

@@ -15,7 +15,8 @@ from typing import Any
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, READ
 from vibroscreen.kernels.physics.segregation import EXCHANGE
-from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
+from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS
+from vibroscreen.layout import Layout
 
 FOLDER = Path(__file__).parent
 SHEET_MARK, STATE_MARK = b"vsheet01", b"vscreen2"
