@@ -424,7 +424,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("width", [deck.width for deck in config.decks])
     for d, deck in enumerate(config.decks):
         count = len(deck.panels)
-        layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
+        rows = np.array([dataclasses.astuple(panel) for panel in deck.panels])
+        layout.view(buffer, "panel")[d, :count] = rows
         layout.view(buffer, "panel_count")[d] = count
         length = np.array([panel.length for panel in deck.panels])
         share_cells(length, _cells(config), layout.view(buffer, "panel_cells")[d])
