@@ -53,7 +53,7 @@ def build(platform: str, output: Path) -> Path:
         carried.mkdir()
         carried.joinpath(kept.name).write_bytes(kept.read_bytes())
         texts = {path.name: path.read_bytes() for path in library.sources()}
-        carried.joinpath(library.STAMP).write_bytes(library.stamp_note(texts, library.stamps()))
+        carried.joinpath(library.STAMP).write_bytes(library.note(texts))
         tag = f"py3-none-{machine.PLATFORMS[platform].wheel}"
         command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation"]
         subprocess.run(

@@ -15,26 +15,17 @@ matrix of the crusher. A tool that couples right finds it to the accuracy of the
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from closed_circuit import (
-    CLOSED_SIDE_SETTING,
-    CONVEYOR_DELAY,
-    FEED_EXPONENT,
-    FEED_SIZE,
-    ROOT,
-    SCHEDULE,
-)
-from components.coupling import Wire, step_along, write_archive
+from closed_circuit import CLOSED_SIDE_SETTING, CONVEYOR_DELAY, FMU, SCHEDULE, fresh_sizes
+from components.coupling import step_along, wires, write_archive
 from components.crusher import ConeCrusher
-from components.feed import rosin_rammler
 from components.fmus import conveyor_model, crusher_model, mixer_model
-from components.mixer import Rates
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
 from vibroscreen.stream import Feed
@@ -42,9 +33,12 @@ from vibroscreen.units import MINUTE, PERCENT
 from vibroscreen_fmu.native.fmu import write_native_fmu
 from vibroscreen_fmu.package import write_model
 
-FRESH_FEED = SCHEDULE[0].fresh_feed
+CONFIG = ScreenConfig.default()
+EDGES = np.array(CONFIG.size_classes.edges)
+FRESH_SIZES, FRESH_FEED = fresh_sizes(EDGES), SCHEDULE[0].fresh_feed
 STEP = 2.0  # s, communication step
 DURATION = 40 * MINUTE  # about thirty turns
+SSP = "closed_circuit.ssp"
 # Element of the circuit -> model; a stream from an element to another.
 ELEMENTS = {
     "mixer": "Mixer",
@@ -58,58 +52,38 @@ STREAMS = (
     ("screen", "oversize", "conveyor", "feed"),
     ("conveyor", "discharge", "mixer", "inlet[2]"),
 )
+WIRES = wires(STREAMS, classes=EDGES.size - 1)
 # What a run is judged by, at its end.
 OVERSIZE = ("screen", "oversize.mass_flow_rate")
 PRODUCT = ("screen", "undersize.mass_flow_rate")
 
 
 def write_circuit(folder: Path, screen: Path | None = None) -> dict[str, Path]:
-    """Write the FMUs of the circuit's elements into a folder; `screen` is taken if it is given."""
-    config = ScreenConfig.default()
-    edges = np.array(config.size_classes.edges)
-    fresh = rosin_rammler(edges, FEED_SIZE, FEED_EXPONENT)
+    """Write the FMU of each element and the SSP; a copy of the FMU `screen` if it is given."""
     folder.mkdir(parents=True, exist_ok=True)
-    if screen is None:
-        made = write_native_fmu(config, folder)
-    else:
-        made = Path(shutil.copyfile(screen, folder / "VibratingScreen.fmu"))
-    return {
-        "mixer": write_model(mixer_model(edges, fresh, FRESH_FEED), folder),
-        "crusher": write_model(crusher_model(edges, fresh, CLOSED_SIDE_SETTING), folder),
-        "screen": made,
-        "conveyor": write_model(conveyor_model(edges, fresh, CONVEYOR_DELAY), folder),
+    screen_fmu = folder / "VibratingScreen.fmu"
+    fmus = {
+        "mixer": write_model(mixer_model(EDGES, FRESH_SIZES, FRESH_FEED), folder),
+        "crusher": write_model(crusher_model(EDGES, FRESH_SIZES, CLOSED_SIDE_SETTING), folder),
+        "screen": shutil.copyfile(screen, screen_fmu)
+        if screen
+        else write_native_fmu(CONFIG, folder),
+        "conveyor": write_model(conveyor_model(EDGES, FRESH_SIZES, CONVEYOR_DELAY), folder),
     }
+    write_archive(folder / SSP, fmus, WIRES, (OVERSIZE, PRODUCT), DURATION)
+    return fmus
 
 
-def connections(classes: int) -> Iterator[Wire]:
-    """Every connected variable of the streams."""
-    variables = ("mass_flow_rate", *(f"mass_fraction[{i}]" for i in range(1, classes + 1)))
-    for source, output, target, given in STREAMS:
-        for variable in variables:
-            yield source, f"{output}.{variable}", target, f"{given}.{variable}"
-
-
-def write_ssp(path: Path, fmus: Mapping[str, Path]) -> Path:
-    """Write the circuit as an SSP archive."""
-    wires = tuple(connections(ScreenConfig.default().size_classes.count))
-    return write_archive(path, fmus, wires, (OVERSIZE, PRODUCT), DURATION)
-
-
-def run(fmus: Mapping[str, Path], step: float = STEP, duration: float = DURATION) -> float:
+def run(fmus: Mapping[str, Path]) -> float:
     """Circulating load at the end, 1: element by element along the streams."""
-    wires = tuple(connections(ScreenConfig.default().size_classes.count))
-    return step_along(fmus, wires, OVERSIZE, round(duration / step), step) / FRESH_FEED
+    return step_along(fmus, WIRES, OVERSIZE, round(DURATION / STEP), STEP) / FRESH_FEED
 
 
 def expected_load() -> float:
     """Steady oversize over fresh feed, 1, without any coupling: o = oversize of S(C (f + o))."""
-    config = ScreenConfig.default()
-    screen = Screen(config)
-    edges = np.array(config.size_classes.edges)
-    crusher = ConeCrusher(edges, CLOSED_SIDE_SETTING)
-    fresh = FRESH_FEED * rosin_rammler(edges, FEED_SIZE, FEED_EXPONENT)
-    oversize: Rates = np.zeros_like(fresh)
-    before = -1.0
+    screen, crusher = Screen(CONFIG), ConeCrusher(EDGES, CLOSED_SIDE_SETTING)
+    fresh = FRESH_FEED * FRESH_SIZES
+    oversize, before = np.zeros_like(fresh), -1.0
     while abs(oversize.sum() - before) > 1e-12 * FRESH_FEED:
         before = oversize.sum()
         rates = crusher.crush(fresh + oversize)
@@ -119,18 +93,15 @@ def expected_load() -> float:
 
 
 def main(
-    output: Annotated[Path, typer.Option(help="Where the FMUs and the SSP go.")] = (
-        ROOT / "dist" / "circuit"
-    ),
+    output: Annotated[Path, typer.Option(help="Folder of FMUs and SSP.")] = FMU.parent / "circuit",
     screen: Annotated[
         Path | None, typer.Option(help="Another FMU of the default screen, such as a python one.")
     ] = None,
 ) -> tuple[float, float]:
     """Write the circuit, run it with fmpy; return the load it found and the one to expect, 1."""
     fmus = write_circuit(output, screen)
-    ssp = write_ssp(output / "closed_circuit.ssp", fmus)
     found, expected = run(fmus), expected_load()
-    print(f"{', '.join(fmu.name for fmu in fmus.values())} and {ssp.name} are in {output}")
+    print(f"{', '.join(fmu.name for fmu in fmus.values())} and {SSP} are in {output}")
     print(
         f"After {DURATION / MINUTE:g} min in steps of {STEP:g} s the circulating load is "
         f"{found / PERCENT:.4f} %, expected {expected / PERCENT:.4f} %: "

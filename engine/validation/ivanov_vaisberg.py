@@ -34,7 +34,7 @@ from rich.table import Table
 from evidence import DATA, PICTURES, Section, table
 from vibroscreen import ScreenConfig
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.units import MM, PERCENT, T_H

@@ -702,7 +702,7 @@ class _Batch:
         self.screen = Screen(run.config)
         self.known = {
             name: place
-            for name, place in places(run.config, self.screen.layout).items()
+            for name, place in places(run.config).items()
             if name.partition(".")[0] not in ("feed", "motion", "displacement")
         }
         self.start = self.screen.layout.section["parameters"].start

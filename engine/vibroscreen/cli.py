@@ -12,9 +12,8 @@ import pandas as pd
 from vibroscreen.calibrate import Parameter, Run, calibrate
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
-from vibroscreen.screen import Screen
+from vibroscreen.screen import Screen, settings_of
 from vibroscreen.survey import read_survey
-from vibroscreen.sweep import limits_of
 from vibroscreen.units import MM, T_H
 
 try:
@@ -146,7 +145,8 @@ def _parameter(text: str, run: Run) -> Parameter:
                 f"--fit {text}: {bounds!r} are no bounds: write {name}=LOWER:UPPER", name
             ) from None
     elif value > 0.0:
-        least, most = limits_of(name)
+        known = {number.name: number for number in settings_of(run.config) if number}
+        least, most = known[name].limits
         lower, upper = max(value / REACH, least), min(value * REACH, most)
     else:
         raise InputError(f"{name} = {value:g} gives no bounds: write {name}=LOWER:UPPER", name)

@@ -7,7 +7,6 @@ variable as the FMU does, its value, the limit and the cure.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import math
@@ -21,51 +20,27 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibroscreen import registry
+from vibroscreen import fields
 from vibroscreen.errors import ConfigError, InputError, given, told
-from vibroscreen.fields import (
-    Choice,
-    Entry,
-    Number,
-    Section,
-    Sections,
-    Text,
-    as_tuple,
-    check_fields,
-    entries,
-    from_si,
-    number,
-    of,
-    paths,
-    read_table,
-    to_si,
-    write_table,
-)
+from vibroscreen.fields import Choice, Section, Sections, Text, entries, number, of, said
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
-from vibroscreen.kernels.plan import between
 from vibroscreen.motion import SENSES, Harmonic, Motion
+from vibroscreen.sections import (
+    Bed,
+    Deck,
+    Displacement,
+    Drive,
+    Material,
+    Panel,
+    Passage,
+    Segregation,
+    Solver,
+)
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed, checked_fractions
 from vibroscreen.units import DEG, MM
 
-__all__ = [
-    "Bed",
-    "Deck",
-    "Displacement",
-    "Drive",
-    "Material",
-    "Panel",
-    "Passage",
-    "ScreenConfig",
-    "Segregation",
-    "Solver",
-    "legal_keys",
-    "typical_fractions",
-]
-
-HALF_STROKE = 0.5 * MM  # m, the amplitude from the stroke in mm
-DEFAULT_TABLE = Path(__file__).with_name("passage_velocity.csv")
-TABLE_COLUMNS = ("aperture_mm", "velocity_m_s")
+__all__ = ["ScreenConfig", "legal_keys", "typical_fractions"]
 
 # Default screen: limits of the classes on the sieves of ISO 565, R 20/3 series and its neighbours.
 QUARRY_EDGES = tuple(d * MM for d in (0, 1, 2, 4, 5.6, 8, 11.2, 16, 22.4, 31.5, 45, 63, 75))
@@ -77,71 +52,6 @@ TYPICAL_PASSING = (0.0, 0.15, 0.25, 0.40, 0.60, 0.85, 1.0)
 ROSIN_RAMMLER = (0.30, 0.87)
 
 
-class _VelocityTable(Entry):
-    """Velocity through the openings [m/s] over the aperture [m]; None for a constant velocity."""
-
-    key = "velocity_table"
-
-    def read(self, name: str, raw: Any, folder: Path) -> Any:
-        if isinstance(raw, str):
-            raw = _table_of_file(name, DEFAULT_TABLE if raw == "default" else folder / raw)
-        if not isinstance(raw, list):
-            return raw
-        rows = [as_tuple(row) for row in raw]
-        return tuple((to_si(row[0], MM), *row[1:]) if row else row for row in rows)
-
-    def check(self, name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-        if value is None:
-            return None
-        rows = [as_tuple(row) for row in as_tuple(value) or ()]
-        pairs = [row for row in rows if row is not None and len(row) == 2]
-        if len(rows) < 2 or len(pairs) < len(rows):
-            raise ConfigError(
-                f"{name} = {value!r} is not a table of two or more rows (aperture, velocity): "
-                'give a CSV file with the columns aperture_mm, velocity_m_s, or "default"'
-            )
-        size = Number("aperture_mm", "m", MM, above=0.0)
-        speed = Number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)
-        table = tuple(
-            (size.check(f"{name}[{i}].aperture", a), speed.check(f"{name}[{i}].velocity", u))
-            for i, (a, u) in enumerate(pairs, start=1)
-        )
-        for i in range(1, len(table)):
-            if table[i][0] <= table[i - 1][0]:
-                raise ConfigError(
-                    f"{name}[{i + 1}].aperture = {size.text(table[i][0])} is not larger than the "
-                    f"one before, {size.text(table[i - 1][0])}: sort the rows by aperture"
-                )
-        return table
-
-    def write(self, value: Any) -> Any:
-        return None if value is None else [[from_si(a, MM), u] for a, u in value]
-
-
-def _table_of_file(name: str, path: Path) -> list[list[float]]:
-    """Rows (aperture mm, velocity m/s) of a CSV file with a header; lines from # on are comment."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise ConfigError(
-            f"{name} = {path} cannot be read ({error.strerror}): give a file relative to the "
-            'TOML file, or "default"'
-        ) from None
-    rows = csv.DictReader(line for line in lines if line and not line.startswith("#"))
-    if tuple(rows.fieldnames or ()) != TABLE_COLUMNS:
-        raise ConfigError(
-            f"{name} = {path} has the columns {', '.join(rows.fieldnames or ())}: "
-            f"name them {', '.join(TABLE_COLUMNS)}"
-        )
-    try:
-        return [[float(row[column]) for column in TABLE_COLUMNS] for row in rows]
-    except (TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{name} = {path}, line {rows.line_num} after the comments: {error}: "
-            "give a number in every column"
-        ) from None
-
-
 # --- [motion]: one table for every kind ----------------------------------------------------------
 class _MotionTable(Protocol):
     def motion(self) -> Motion: ...
@@ -149,23 +59,23 @@ class _MotionTable(Protocol):
 
 @dataclass(frozen=True)
 class _Part:
-    order: int = field(default=1, metadata=number("order", whole=True))
-    along: float = field(default=0.0, metadata=number("along_mm", "m", MM))
-    along_phase: float = field(default=0.0, metadata=number("along_phase_deg", "rad", DEG))
-    normal: float = field(default=0.0, metadata=number("normal_mm", "m", MM))
-    normal_phase: float = field(default=0.0, metadata=number("normal_phase_deg", "rad", DEG))
+    order: int = number(1, "order", whole=True)
+    along: float = number(0.0, "along_mm", "m", MM)
+    along_phase: float = number(0.0, "along_phase_deg", "rad", DEG)
+    normal: float = number(0.0, "normal_mm", "m", MM)
+    normal_phase: float = number(0.0, "normal_phase_deg", "rad", DEG)
 
 
-_FREQUENCY = number("frequency_hz", "Hz")
-_AMPLITUDE = number("stroke_mm", "m", HALF_STROKE)
-_THROW_ANGLE = number("throw_angle_deg", "rad", DEG)
+_AMPLITUDE, _FREQUENCY, _THROW_ANGLE, _ELLIPTICITY = (
+    entries(Motion)[name] for name in ("amplitude", "frequency", "throw_angle", "ellipticity")
+)
 
 
 @dataclass(frozen=True)
 class _Linear:
-    amplitude: float = field(default=10.0 * HALF_STROKE, metadata=_AMPLITUDE)
-    frequency: float = field(default=15.5, metadata=_FREQUENCY)
-    throw_angle: float = field(default=45.0 * DEG, metadata=_THROW_ANGLE)
+    amplitude: float = said(5.0 * MM, _AMPLITUDE)
+    frequency: float = said(15.5, _FREQUENCY)
+    throw_angle: float = said(45.0 * DEG, _THROW_ANGLE)
 
     def motion(self) -> Motion:
         return Motion.linear(self.amplitude, self.frequency, self.throw_angle)
@@ -173,9 +83,9 @@ class _Linear:
 
 @dataclass(frozen=True)
 class _Circular:
-    amplitude: float = field(default=10.0 * HALF_STROKE, metadata=_AMPLITUDE)
-    frequency: float = field(default=15.5, metadata=_FREQUENCY)
-    sense: str = field(default="with_flow", metadata=of(Choice("sense", lambda: tuple(SENSES))))
+    amplitude: float = said(5.0 * MM, _AMPLITUDE)
+    frequency: float = said(15.5, _FREQUENCY)
+    sense: str = said("with_flow", Choice("sense", lambda: tuple(SENSES)))
 
     def motion(self) -> Motion:
         return Motion.circular(self.amplitude, self.frequency, self.sense)
@@ -183,7 +93,7 @@ class _Circular:
 
 @dataclass(frozen=True)
 class _Elliptical(_Linear):
-    ellipticity: float = field(default=0.5, metadata=number("ellipticity"))
+    ellipticity: float = said(0.5, _ELLIPTICITY)
 
     def motion(self) -> Motion:
         return Motion.elliptical(self.amplitude, self.frequency, self.throw_angle, self.ellipticity)
@@ -191,11 +101,11 @@ class _Elliptical(_Linear):
 
 @dataclass(frozen=True)
 class _Harmonics:
-    frequency: float = field(default=15.5, metadata=_FREQUENCY)
-    amplitude: float = field(default=0.0, metadata=_AMPLITUDE)
-    throw_angle: float = field(default=0.0, metadata=_THROW_ANGLE)
-    ellipticity: float = field(default=0.0, metadata=number("ellipticity"))
-    harmonic: tuple[_Part, ...] = field(default=(), metadata=of(Sections("harmonic", _Part)))
+    frequency: float = said(15.5, _FREQUENCY)
+    amplitude: float = said(0.0, _AMPLITUDE)
+    throw_angle: float = said(0.0, _THROW_ANGLE)
+    ellipticity: float = said(0.0, _ELLIPTICITY)
+    harmonic: tuple[_Part, ...] = said((), Sections("harmonic", _Part))
 
     def motion(self) -> Motion:
         if not self.harmonic:
@@ -231,7 +141,8 @@ class _MotionSection(Section):
 
     def paths(self) -> Iterator[str]:
         yield f"{self.key}.kind"
-        yield from dict.fromkeys(f"{self.key}.{p}" for kind in _KINDS.values() for p in paths(kind))
+        below = (path for kind in _KINDS.values() for path in fields.paths(kind))
+        yield from dict.fromkeys(f"{self.key}.{path}" for path in below)
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if not isinstance(raw, Mapping):
@@ -248,299 +159,23 @@ class _MotionSection(Section):
                         f'{name}.{key} is unknown for kind = "{kind}": it belongs to '
                         f'kind = "{other}"'
                     )
-        return read_table(_KINDS[kind], table, name, folder).motion()
+        return fields.read_table(_KINDS[kind], table, name, folder).motion()
 
     def write(self, value: Motion) -> Any:
         kind = _kind_of(value)
-        fields: dict[str, Any] = {
+        given: dict[str, Any] = {
             name: getattr(value, name)
             for name in entries(_KINDS[kind])
             if name not in ("sense", "harmonic")
         }
         if kind == "circular":
-            fields["sense"] = next(name for name, e in SENSES.items() if e == value.ellipticity)
+            given["sense"] = next(name for name, e in SENSES.items() if e == value.ellipticity)
         if kind == "harmonics":
-            fields["harmonic"] = tuple(_Part(**vars(part)) for part in value.harmonic)
-        return {"kind": kind, **write_table(_KINDS[kind](**fields))}
+            given["harmonic"] = tuple(_Part(**vars(part)) for part in value.harmonic)
+        return {"kind": kind, **fields.write_table(_KINDS[kind](**given))}
 
 
-# --- the parts of a screen -----------------------------------------------------------------------
-@dataclass(frozen=True)
-class Panel:
-    """One stretch of a deck with one screening medium.
-
-    length [m]; inclination [rad], down-slope positive; aperture: clear opening [m]; open_area:
-    useful open area fraction [1], 0 for a blank plate; velocity_factor: on the velocity of
-    the bed that the displacement model gives [1].
-    """
-
-    length: float = field(default=6.0, metadata=number("length_m", "m", above=0.0, at_most=100.0))
-    inclination: float = field(
-        default=5.0 * DEG,
-        metadata=number("inclination_deg", "rad", DEG, above=-0.5 * math.pi, below=0.5 * math.pi),
-    )
-    aperture: float = field(default=16.0 * MM, metadata=number("aperture_mm", "m", MM, above=0.0))
-    open_area: float = field(default=0.55, metadata=number("open_area", at_least=0.0, at_most=1.0))
-    velocity_factor: float = field(
-        default=1.0, metadata=number("velocity_factor", at_least=0.0, at_most=10.0)
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "deck.panel")
-
-
-@dataclass(frozen=True)
-class Deck:
-    """A row of panels, feed end first, of one width [m]."""
-
-    width: float = field(default=2.4, metadata=number("width_m", "m", above=0.0, at_most=100.0))
-    panels: tuple[Panel, ...] = field(default=(Panel(),), metadata=of(Sections("panel", Panel)))
-
-    def __post_init__(self) -> None:
-        check_fields(self, "deck")
-        for place, panel in enumerate(self.panels, start=1):
-            if panel.aperture > self.length:
-                name = f"deck.panel[{place}].aperture"
-                raise ConfigError(
-                    told("short_deck", name=name, value=panel.aperture, limit=self.length)
-                )
-
-    @property
-    def length(self) -> float:
-        """Total length of the panels [m]."""
-        return math.fsum(panel.length for panel in self.panels)
-
-
-@dataclass(frozen=True)
-class Material:
-    """Bulk density [kg/m3] and friction coefficients [1] on the deck and inside the bed."""
-
-    bulk_density: float = field(
-        default=1600.0,
-        metadata=number(
-            "bulk_density_kg_m3",
-            "kg/m3",
-            at_least=10.0,
-            at_most=25000.0,
-            cure="were t/m3 meant? give bulk_density_kg_m3 in kg/m3, 10 to 25000",
-        ),
-    )
-    friction_deck: float = field(
-        default=0.5, metadata=number("friction_deck", at_least=0.0, at_most=100.0)
-    )
-    friction_internal: float = field(
-        default=0.6, metadata=number("friction_internal", at_least=0.0, at_most=100.0)
-    )
-    rolling: float = field(default=0.0, metadata=number("rolling", at_least=0.0, at_most=0.95))
-
-    def __post_init__(self) -> None:
-        check_fields(self, "material")
-
-    @property
-    def friction_base(self) -> float:
-        """Friction where the bed slips, the weakest: the smaller of the two [1]."""
-        return min(self.friction_deck, self.friction_internal)
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """Model of the transport along the deck; velocity [m/s] is what `prescribed` takes."""
-
-    model: str = field(
-        default="rigid_body",
-        metadata=of(Choice("model", lambda: registry.names("displacement"))),
-    )
-    velocity: float = field(
-        default=0.0, metadata=number("velocity_m_s", "m/s", at_least=0.0, at_most=20.0)
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "displacement")
-
-
-# Whether u and w follow from the vibration; their place here is what the buffer holds.
-CLOSURES = ("none", "vibration")
-
-
-@dataclass(frozen=True)
-class Passage:
-    """Law of passage and velocity of grains through the openings [m/s].
-
-    velocity: a constant; velocity_table: rows (aperture m, velocity m/s) instead of it,
-    interpolated linearly. Give one of them. closure: "none", or "vibration" for a velocity that
-    follows from the vibration; `velocity` is then that of a loose bed (MODEL.md, "Closures in the
-    vibration"). Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass (Gaudin), 1
-    where the rim guides all grains in whose centre is over the opening; passing_time for which a
-    grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
-    to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
-    bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
-    a bed that rides on at sqrt(g aperture) holds and crowds its grains less; calming, by how much
-    less a bed as deep as the contact layer is thrown; depletion, how short a bed as deep as the
-    aperture runs of passing grains at the deck where they pass as fast as it is thrown; levelling,
-    by how much less a bed as deep as the contact layer damps.
-    """
-
-    law: str = field(
-        default="pelevin", metadata=of(Choice("law", lambda: registry.names("passage")))
-    )
-    velocity: float = field(
-        default=0.1, metadata=number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)
-    )
-    velocity_table: tuple[tuple[float, float], ...] | None = field(
-        default=None, metadata=of(_VelocityTable())
-    )
-    rim: float = field(default=0.3, metadata=number("rim", at_least=0.0, at_most=1.0))
-    passing_time: float = field(
-        default=2.0, metadata=number("passing_time", at_least=0.0, at_most=100.0)
-    )
-    drift: float = field(default=1.5, metadata=number("drift", at_least=0.0, at_most=10.0))
-    damping: float = field(default=1.0, metadata=number("damping", at_least=0.0, at_most=100.0))
-    lift: float = field(default=1.0, metadata=number("lift", at_least=0.0, at_most=100.0))
-    stirring: float = field(default=0.7, metadata=number("stirring", at_least=0.0, at_most=100.0))
-    calming: float = field(default=0.0, metadata=number("calming", at_least=0.0, at_most=100.0))
-    depletion: float = field(default=0.0, metadata=number("depletion", at_least=0.0, at_most=100.0))
-    levelling: float = field(default=0.0, metadata=number("levelling", at_least=0.0, at_most=100.0))
-    closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
-
-    def __post_init__(self) -> None:
-        check_fields(self, "passage")
-        if self.velocity_table is not None and self.velocity != Passage.velocity:
-            raise ConfigError(
-                f"passage.velocity = {self.velocity:.6g} m/s is given beside "
-                "passage.velocity_table: give one of them"
-            )
-
-    def velocity_at(self, aperture: float) -> float:
-        """Velocity of grains through openings of that aperture [m], in m/s.
-
-        Raises ConfigError for an aperture that the table does not reach.
-        """
-        if self.velocity_table is None:
-            return self.velocity
-        apertures, velocities = zip(*self.velocity_table, strict=True)
-        if not apertures[0] <= aperture <= apertures[-1]:
-            least, most = apertures[0], apertures[-1]
-            raise ConfigError(
-                told("off_table", name="aperture", value=aperture, limit=least, other_limit=most)
-            )
-        return float(between(np.array(apertures), np.array(velocities), aperture))
-
-
-@dataclass(frozen=True)
-class Segregation:
-    """Model of the mixing and sorting in the bed.
-
-    velocity: of percolation [m/s]; dilation: extra distance between grains by shaking [m];
-    proportion: share of the sorted composition, used by `proportional` [1]. closure: "none", or
-    "vibration" for velocities that follow from the vibration; `velocity` and `mixing` are then
-    those of a loose bed (MODEL.md, "Closures in the vibration"). Of `exchange` too:
-    relative_dilation: extra distance over the mean grain size of a layer, adds to the dilation [1];
-    mixing: velocity at which layers exchange grains whatever their size [m/s].
-    """
-
-    model: str = field(
-        default="exchange", metadata=of(Choice("model", lambda: registry.names("segregation")))
-    )
-    velocity: float = field(
-        default=0.1, metadata=number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)
-    )
-    dilation: float = field(
-        default=1.0 * MM, metadata=number("dilation_mm", "m", MM, at_least=0.0, at_most=1.0)
-    )
-    proportion: float = field(default=0.5, metadata=number("proportion", at_least=0.0, at_most=1.0))
-    closure: str = field(default="none", metadata=of(Choice("closure", lambda: CLOSURES)))
-    relative_dilation: float = field(
-        default=0.0, metadata=number("relative_dilation", at_least=0.0, at_most=10.0)
-    )
-    mixing: float = field(
-        default=0.0, metadata=number("mixing_m_s", "m/s", at_least=0.0, at_most=100.0)
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "segregation")
-
-
-# Put in the place of a layer depth that is not given; no Bed keeps it.
-_AS_CONTACT_DEPTH: Any = None
-# Composition inside a layer; their place here is what the buffer holds.
-RECONSTRUCTIONS = ("none", "linear")
-
-
-@dataclass(frozen=True)
-class Bed:
-    """Layers of the bed and what lies on the deck at the start.
-
-    contact_depth and layer_depth [m]: of the contact layer and of those above; a Bed without
-    layer_depth takes the contact depth (and keeps it: `dataclasses.replace` of the one leaves the
-    other). initial: "empty", or "steady" for full of the duty. layers: room in the state, the
-    contact layer among them, at least 2. reconstruction: "none", every layer is mixed evenly, as in
-    the paper; "linear" where the layers are a grid to be refined (MODEL.md, "Segregation").
-    """
-
-    contact_depth: float = field(
-        default=20.0 * MM, metadata=number("contact_depth_mm", "m", MM, at_least=1e-9, at_most=5.0)
-    )
-    layer_depth: float = field(
-        default=_AS_CONTACT_DEPTH,
-        metadata=number("layer_depth_mm", "m", MM, at_least=1e-9, at_most=5.0, optional=True),
-    )
-    initial: str = field(
-        default="empty", metadata=of(Choice("initial", lambda: ("empty", "steady")))
-    )
-    layers: int = field(
-        default=16, metadata=number("layers", whole=True, at_least=2, at_most=10_000)
-    )
-    reconstruction: str = field(
-        default="none", metadata=of(Choice("reconstruction", lambda: RECONSTRUCTIONS))
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "bed")
-        if self.layer_depth is None:
-            object.__setattr__(self, "layer_depth", self.contact_depth)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Vibrating mass [kg], bearing friction [1] and diameter [m], efficiency of the drive [1]."""
-
-    vibrating_mass: float = field(
-        default=6000.0, metadata=number("vibrating_mass_kg", "kg", at_least=0.0, at_most=1e6)
-    )
-    bearing_friction: float = field(
-        default=0.005, metadata=number("bearing_friction", at_least=0.0, at_most=1.0)
-    )
-    bearing_diameter: float = field(
-        default=120.0 * MM,
-        metadata=number("bearing_diameter_mm", "m", MM, at_least=0.0, at_most=5.0),
-    )
-    efficiency: float = field(
-        default=0.9, metadata=number("efficiency", at_least=0.01, at_most=1.0)
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "drive")
-
-
-@dataclass(frozen=True)
-class Solver:
-    """Bound on the error of a recovery [1]; packages: room in the state, 0 chosen by the engine.
-
-    The bound holds from 1e-6 up; below, the error still falls, but may exceed it by up to 20 times
-    where layers or sizes run out.
-    """
-
-    tolerance: float = field(
-        default=1e-4, metadata=number("tolerance", at_least=1e-9, at_most=1e-1)
-    )
-    packages: int = field(
-        default=0, metadata=number("packages", whole=True, at_least=0, at_most=100_000)
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "solver")
-
-
+# --- the whole -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class ScreenConfig:
     """A vibrating screen and its duty; everything but the size classes has a default.
@@ -551,30 +186,24 @@ class ScreenConfig:
     """
 
     size_classes: SizeClasses = field(metadata=of(Section("size_classes", SizeClasses)))
-    decks: tuple[Deck, ...] = field(default=(Deck(),), metadata=of(Sections("deck", Deck)))
-    material: Material = field(default=Material(), metadata=of(Section("material", Material)))
-    motion: Motion = field(
-        default=_Linear().motion(), metadata=of(_MotionSection("motion", Motion))
-    )
-    displacement: Displacement = field(
-        default=Displacement(), metadata=of(Section("displacement", Displacement))
-    )
-    passage: Passage = field(default=Passage(), metadata=of(Section("passage", Passage)))
-    segregation: Segregation = field(
-        default=Segregation(), metadata=of(Section("segregation", Segregation))
-    )
-    bed: Bed = field(default=Bed(), metadata=of(Section("bed", Bed)))
-    drive: Drive = field(default=Drive(), metadata=of(Section("drive", Drive)))
-    solver: Solver = field(default=Solver(), metadata=of(Section("solver", Solver)))
-    feed: Feed = field(default=Feed(), metadata=of(Section("feed", Feed)))
-    name: str = field(default="quarry screen", metadata=of(Text("name")))
+    decks: tuple[Deck, ...] = said((Deck(),), Sections("deck", Deck))
+    material: Material = said(Material(), Section("material", Material))
+    motion: Motion = said(_Linear().motion(), _MotionSection("motion", Motion))
+    displacement: Displacement = said(Displacement(), Section("displacement", Displacement))
+    passage: Passage = said(Passage(), Section("passage", Passage))
+    segregation: Segregation = said(Segregation(), Section("segregation", Segregation))
+    bed: Bed = said(Bed(), Section("bed", Bed))
+    drive: Drive = said(Drive(), Section("drive", Drive))
+    solver: Solver = said(Solver(), Section("solver", Solver))
+    feed: Feed = said(Feed(), Section("feed", Feed))
+    name: str = said("quarry screen", Text("name"))
 
     def __post_init__(self) -> None:
-        check_fields(self, "")
+        fields.check_fields(self, "")
         self._complete_feed()
         for deck_place, deck in enumerate(self.decks, start=1):
             if not math.isclose(deck.length, self.decks[0].length, rel_tol=1e-9):
-                name, first = f"deck[{deck_place}]", self.decks[0].length
+                name, first = f"deck[{deck_place}].panel[1].length", self.decks[0].length
                 raise ConfigError(told("unequal_decks", name=name, value=deck.length, limit=first))
             for place, panel in enumerate(deck.panels, start=1):
                 self._check_panel(f"deck[{deck_place}].panel[{place}]", panel)
@@ -598,7 +227,7 @@ class ScreenConfig:
     def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> ScreenConfig:
         """Configuration from the tree of a TOML file; file names are relative to `folder`."""
         try:
-            return read_table(cls, tree, "", Path(folder))
+            return fields.read_table(cls, tree, "", Path(folder))
         except InputError as error:
             raise ConfigError(str(error)) from None
 
@@ -640,7 +269,7 @@ class ScreenConfig:
         Exact where a number in the key's unit exists that converts to the value, as it does for
         all that was read from TOML; else within one unit in the last place.
         """
-        return "\n".join(_toml_lines(write_table(self), "")).lstrip("\n") + "\n"
+        return "\n".join(_toml_lines(fields.write_table(self), "")).lstrip("\n") + "\n"
 
     @property
     def apertures(self) -> tuple[float, ...]:
@@ -757,7 +386,7 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
 
 def legal_keys() -> tuple[str, ...]:
     """Every key of a configuration file, in full, such as `deck.panel.aperture_mm`."""
-    return paths(ScreenConfig)
+    return fields.paths(ScreenConfig)
 
 
 def _toml_tree(text: str) -> dict[str, Any]:

@@ -12,12 +12,12 @@ __all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
 
 # What the runtimes of an FMU say, with and without Python: this table is all there is of it. In
 # braces stand names of texts, or of numbers with the digits that are shown. {given} is a name, its
-# value and its unit, {bound} a limit with that unit.
+# value and its unit, {range} what may be given, in brackets.
 TEXT = {
-    # of inputs and tunable parameters, when a step begins
-    "not_finite": "{given} is not a finite number: {cure}",
-    "too_small": "{given} is below the least that is possible, {bound}: {cure}",
-    "too_large": "{given} is above the most that is possible, {bound}: {cure}",
+    # of numbers of a configuration, of inputs and of parameters
+    "not_finite": "{given} is not a finite number{range}: {cure}",
+    "too_small": "{given} is out of range{range}: {cure}",
+    "too_large": "{given} is out of range{range}: {cure}",
     "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "
     "fractions of all size classes",
     "too_steep": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is too steep for the friction at "
@@ -25,27 +25,19 @@ TEXT = {
     'displacement.model = "bed" or "prescribed"',
     "no_velocity": "{name} = {number:.6g} gives a bed velocity of {value:.6g} m/s, which is not "
     "finite: mend the displacement model",
-    "no_model": "{name} = {value:.6g} is a model that this screen was not built with: choose it in "
-    "the configuration",
     "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",
     "long_time": "dt = {value:.6g} s is more than {limit:.6g} s: take shorter steps",
-    # of numbers of a configuration, and of fixed parameters
-    "endless": "{given} is not finite: {cure}",
-    "not_above": "{given} is not larger than {bound}: {cure}",
-    "below": "{given} is smaller than {bound}: {cure}",
-    "not_below": "{given} is not smaller than {bound}: {cure}",
-    "above": "{given} is larger than {bound}: {cure}",
-    "no_choice": "{name} = {value:.6g} is none of the choices: give {cure}",
-    "two_limits": "{name} = {value:.6g} m differs from the limit of the class beside it "
+    "no_choice": "{name} = {value:.6g} is none of the choices of this screen: {cure}",
+    "two_limits": "{name} = {value:.6g} m differs from the lower limit of the next class "
     "({limit:.6g} m): set both to the same",
-    "not_ascending": "{name} = {value:.6g} m is not larger than {other} = {limit:.6g} m: list the "
-    "limits in ascending order",
+    "not_ascending": "{name} = {value:.6g} m is not larger than the limit below it ({limit:.6g} "
+    "m): list the limits in ascending order",
     "short_deck": "{name} = {value:.6g} m is larger than the deck is long ({limit:.6g} m): were "
     "millimetres meant? give aperture_mm or metres",
-    "unequal_decks": "{name} = {value:.6g} m of panels differs from deck[1] ({limit:.6g} m): decks "
-    "of one box are equally long, change the lengths of the panels",
-    "off_table": "{name} = {value:.6g} m is outside of passage.velocity_table ({limit:.6g} m to "
-    "{other_limit:.6g} m): add rows to the table or give passage.velocity",
+    "unequal_decks": "{name}: this deck is {value:.6g} m long, deck[1] is {limit:.6g} m: decks of "
+    "one box are equally long, change the lengths of the panels",
+    "off_table": "{name} = {value:.6g} m lies outside of passage.velocity_table, which ends at "
+    "{limit:.6g} m: add rows to the table or give passage.velocity",
     "little_room": "solver.packages = {value:.6g} is too little room for the {limit:.6g} cells of "
     "a deck: give at least {other_limit:.6g}, or 0 for the engine's choice",
     # of calls of the interface

@@ -3,7 +3,7 @@
 An entry sits in the metadata of a dataclass field. From the entries come the reader of a TOML
 tree, the checks of every value, the writer and the list of legal keys; no key is named twice.
 
-    length: float = field(default=6.0, metadata=number("length_m", "m", above=0.0, at_most=100.0))
+    length: float = number(6.0, "length_m", "m", above=0.0, at_most=100.0)
 
 Names in messages are relative to the dataclass (`panel.aperture`); where a list of tables is read
 they get their place in it (`deck[1].panel[1].aperture`).
@@ -19,6 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeVar
@@ -64,7 +65,13 @@ class Entry(ABC):
 
 @dataclass(frozen=True)
 class Number(Entry):
-    """A number in SI, with its limits; `factor` converts the unit of the TOML key to SI."""
+    """A number in SI, said once: reader, checks, messages, buffer and FMU variable follow.
+
+    `factor` converts the unit of the TOML key to SI. tells: what a reader is told of it; cure: what
+    to do about a value out of range. variability: "tunable" while the screen runs, "fixed" before,
+    "constant" since it was built, "continuous" for an input; "" for what is no number of the
+    engine. slack: how far beyond its limits a value is taken for round-off while it runs.
+    """
 
     key: str
     unit: str = "1"
@@ -75,7 +82,10 @@ class Number(Entry):
     at_most: float | None = None
     whole: bool = False
     optional: bool = False
+    tells: str = ""
     cure: str = ""
+    variability: str = "fixed"
+    slack: float = 0.0
     error: type[ConfigError | InputError] = ConfigError
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
@@ -90,33 +100,52 @@ class Number(Entry):
         plain = type(value) is float and not self.whole
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
-            raise self.error(f"{name} = {value!r} is not {kind}: {self.cure_of('')}")
+            cure = self.cure_of("not_finite")
+            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {cure}")
         number = as_float(value)
+        least, most = self.limits
         if not math.isfinite(number):
-            raise self.refusal(name, number, "endless")
-        for text, limit in self.limits():
-            if breaks(text, number, limit):
-                raise self.refusal(name, number, text, bound=with_unit(limit, self.unit))
+            raise self.refusal(name, number, "not_finite")
+        if number < least:
+            raise self.refusal(name, number, "too_small")
+        if number > most:
+            raise self.refusal(name, number, "too_large")
         return int(number) if self.whole else number
 
-    def refusal(self, name: str, number: float, text: str, **about: str) -> Exception:
+    def refusal(self, name: str, number: float, text: str) -> Exception:
         """The error of a number of which `text` (errors.TEXT) is told."""
-        about = {"given": given(name, number, self.unit), **about}
+        about = {"given": given(name, number, self.unit), "range": self.range}
         return self.error(told(text, **about, cure=self.cure_of(text)))
 
-    def limits(self) -> Iterator[tuple[str, float]]:
-        """Limits in the order of their checks: what is told of a value that breaks one, the limit.
+    @cached_property
+    def limits(self) -> tuple[float, float]:
+        """Least and largest value that are allowed."""
+        least = self.at_least if self.at_least is not None else -math.inf
+        most = self.at_most if self.at_most is not None else math.inf
+        if self.above is not None:
+            least = math.nextafter(self.above, math.inf)
+        if self.below is not None:
+            most = math.nextafter(self.below, -math.inf)
+        return least, most
 
-        The keys of errors.TEXT say the relation; `breaks` tells whether a value does.
-        """
-        for text, limit in (
-            ("not_above", self.above),
-            ("below", self.at_least),
-            ("not_below", self.below),
-            ("above", self.at_most),
-        ):
-            if limit is not None:
-                yield text, limit
+    @property
+    def bounds(self) -> tuple[float | None, float | None]:
+        """Limits as people write them, None where there is none."""
+        least = self.at_least if self.above is None else self.above
+        return least, self.at_most if self.below is None else self.below
+
+    @property
+    def range(self) -> str:
+        """The limits in words, in brackets; nothing where there are none."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        least, most = self.bounds
+        if least is None and most is None:
+            return ""
+        low = "" if least is None else f"{'from ' if self.above is None else 'above '}{least:.6g}"
+        high = "" if most is None else f"{'to ' if self.below is None else 'below '}{most:.6g}"
+        if self.above is None and self.below is None and low and high:
+            low = low.removeprefix("from ")
+        return f" ({low}{' ' if low and high else ''}{high}{unit})"
 
     def write(self, value: Any) -> Any:
         return value if self.whole or value is None else from_si(value, self.factor)
@@ -129,20 +158,10 @@ class Number(Entry):
         """What to do about a value of which `text` (errors.TEXT) is told."""
         if self.cure:
             return self.cure
-        if text in ("not_below", "above") and self.unit in _CONFUSED:
+        if text == "too_large" and self.unit in _CONFUSED:
             return confused_units(self.unit, self.key)
-        limits = [
-            f"{words} {self.text(limit)}"
-            for words, limit in (
-                ("above", self.above),
-                ("from", self.at_least),
-                ("below", self.below),
-                ("up to", self.at_most),
-            )
-            if limit is not None
-        ]
         kind = "a whole number" if self.whole else "a number"
-        return " ".join(["give", kind, *limits, f"({self.key} in a TOML file)"])
+        return f"give {kind} in this range ({self.key} in a TOML file)"
 
 
 @dataclass(frozen=True)
@@ -185,10 +204,16 @@ class Text(Entry):
 
 @dataclass(frozen=True)
 class Choice(Entry):
-    """One of the names that `names()` lists."""
+    """One of the names that `names()` lists; in the engine its place there, from 1 on.
+
+    tells and variability: as of a Number; meanings: what a reader is told of each name.
+    """
 
     key: str
     names: Callable[[], tuple[str, ...]]
+    tells: str = ""
+    meanings: tuple[str, ...] = ()
+    variability: str = "fixed"
 
     def check(self, name: str, value: Any) -> str:
         known = self.names()
@@ -250,28 +275,25 @@ class Sections(Section):
         return [write_table(v) for v in value]
 
 
-def breaks(text: str, value: float, limit: float) -> bool:
-    """Whether a value breaks a limit of that kind (`Number.limits`)."""
-    if text == "not_above":
-        return value <= limit
-    if text == "below":
-        return value < limit
-    return value >= limit if text == "not_below" else value > limit
-
-
 def of(entry: Entry) -> Metadata:
     """Metadata of a dataclass field that holds its entry."""
     return {"entry": entry}
 
 
-def number(key: str, unit: str = "1", factor: float = 1.0, **limits: Any) -> Metadata:
-    """Metadata of a number; `limits` are those of `Number`."""
-    return of(Number(key, unit, factor, **limits))
+def number(default: Any, key: str, unit: str = "1", factor: float = 1.0, **about: Any) -> Any:
+    """A dataclass field that is a number; `about` is the rest of `Number`."""
+    return said(default, Number(key, unit, factor, **about))
+
+
+def said(default: Any, entry: Entry) -> Any:
+    """A dataclass field with its entry."""
+    return dataclasses.field(default=default, metadata=of(entry))
 
 
 def entries(kind: Any) -> dict[str, Entry]:
-    """Entry of every field of a configuration dataclass, by the name of the field."""
-    return {field.name: field.metadata["entry"] for field in dataclasses.fields(kind)}
+    """Entry of every field of a configuration dataclass that has one, by the name of the field."""
+    fields = dataclasses.fields(kind)
+    return {field.name: field.metadata["entry"] for field in fields if "entry" in field.metadata}
 
 
 def paths(kind: Any) -> tuple[str, ...]:

@@ -2,42 +2,60 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
+from vibroscreen.fields import Entry, Number, check_fields, entries, number
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, solve_bed
 from vibroscreen.kernels.physics.motion import CONSTANT, MAX_ORDER, ROWS, WORK_SIZE, compose_motion
 from vibroscreen.kernels.physics.rigid_body import rigid_body
-from vibroscreen.units import DEG
+from vibroscreen.sections import Material, Panel
+from vibroscreen.units import DEG, MM
 
 __all__ = ["ConveyingRegime", "Harmonic", "Motion", "conveying_regime", "transport_velocity"]
 
-MAX_FREQUENCY = 100.0  # Hz
 MAX_AMPLITUDE = 1.0  # m
+HALF_STROKE = 0.5 * MM  # m, the amplitude from the stroke in mm
 MAX_HARMONICS = ROWS - 1
 SENSES = {"with_flow": 1.0, "against_flow": -1.0}
 _SOLVERS = {"rigid_body": rigid_body, "bed": solve_bed}
 
 
-def _checked(
-    variable: str, value: float, limits: tuple[float, float], unit: str, cure: str
-) -> float:
-    """Value as a float within its limits, which belong to the range."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise InputError(f"{variable} = {value!r} is not a number: give one in {unit}")
-    lower, upper = limits
-    if not lower <= value <= upper:
-        raise InputError(
-            f"{variable} = {value:g} {unit} is outside {lower:g} to {upper:g} {unit}: {cure}"
-        )
-    return float(value)
+_LENGTH = Number(
+    "",
+    "m",
+    at_least=-MAX_AMPLITUDE,
+    at_most=MAX_AMPLITUDE,
+    cure="were millimetres meant? give metres",
+    error=InputError,
+)
+_TURN = 2.0 * math.pi
+_PHASE = Number("", "rad", at_least=-_TURN, at_most=_TURN, cure="give radians", error=InputError)
+
+
+def _given(entry: Entry) -> Number:
+    """What is said of a number of the configuration, of one that a function is given."""
+    assert isinstance(entry, Number)
+    return dataclasses.replace(entry, error=InputError)
+
+
+_INCLINATION = _given(entries(Panel)["inclination"])
+_FRICTION = _given(entries(Material)["friction_deck"])
+_ROLLING = _given(entries(Material)["rolling"])
+
+
+def _moves(default: float | None, key: str, *scale: Any, **about: Any) -> Any:
+    """A field of the motion, which changes while the screen runs."""
+    missing = dataclasses.MISSING if default is None else default
+    return number(missing, key, *scale, variability="continuous", error=InputError, **about)
 
 
 @dataclass(frozen=True)
@@ -67,30 +85,55 @@ class Motion:
     orbit. Raises InputError with the name of the value that is out of range.
     """
 
-    frequency: float
-    amplitude: float
-    throw_angle: float = 45.0 * DEG
-    ellipticity: float = 0.0
+    frequency: float = _moves(
+        None,
+        "frequency_hz",
+        "Hz",
+        at_least=0.0,
+        at_most=100.0,
+        tells="Frequency of the vibration",
+        cure="was 1/min meant? divide it by 60",
+    )
+    amplitude: float = _moves(
+        None,
+        "stroke_mm",
+        "m",
+        HALF_STROKE,
+        at_least=0.0,
+        at_most=MAX_AMPLITUDE,
+        tells="Amplitude of the vibration: semi-major axis, half the stroke",
+        cure="were millimetres meant? give metres",
+    )
+    throw_angle: float = _moves(
+        45.0 * DEG,
+        "throw_angle_deg",
+        "rad",
+        DEG,
+        at_least=-math.pi,
+        at_most=math.pi,
+        tells="Direction of the vibration over the top deck's first panel",
+        cure="were degrees meant? give radians",
+    )
+    ellipticity: float = _moves(
+        0.0,
+        "ellipticity",
+        at_least=-1.0,
+        at_most=1.0,
+        tells="Shape of the orbit: 0 linear, 1 circular with the flow, -1 circular against it",
+        cure="minor over major axis, 0 is linear, 1 and -1 are circular",
+    )
     harmonic: tuple[Harmonic, ...] = ()
 
     def __post_init__(self) -> None:
-        limits = {
-            "frequency": ((0.0, MAX_FREQUENCY), "Hz", "was 1/min meant? divide it by 60"),
-            "amplitude": ((0.0, MAX_AMPLITUDE), "m", "were millimetres meant? give metres"),
-            "throw_angle": ((-math.pi, math.pi), "rad", "were degrees meant? give radians"),
-            "ellipticity": ((-1.0, 1.0), "(minor over major axis)", "0 is linear, 1 circular"),
-        }
-        for name, (bounds, unit, cure) in limits.items():
-            value = _checked(f"motion.{name}", getattr(self, name), bounds, unit, cure)
-            object.__setattr__(self, name, value)
+        check_fields(self, "motion")
         object.__setattr__(self, "harmonic", tuple(self.harmonic))
         if len(self.harmonic) > MAX_HARMONICS:
             raise InputError(
                 f"motion.harmonic = {len(self.harmonic)} harmonics are more than the engine has "
                 f"room for ({MAX_HARMONICS}): leave out the smallest"
             )
-        for number, part in enumerate(self.harmonic, start=1):
-            _check_harmonic(f"motion.harmonic[{number}]", part)
+        for place, part in enumerate(self.harmonic, start=1):
+            _check_harmonic(f"motion.harmonic[{place}]", part)
 
     @classmethod
     def linear(cls, amplitude: float, frequency: float, throw_angle: float) -> Motion:
@@ -165,11 +208,8 @@ def _check_harmonic(name: str, part: Harmonic) -> None:
             "give the multiple of motion.frequency"
         )
     for field in ("along", "normal"):
-        bounds = (-MAX_AMPLITUDE, MAX_AMPLITUDE)
-        _checked(f"{name}.{field}", getattr(part, field), bounds, "m", "give metres")
-        bounds = (-2.0 * math.pi, 2.0 * math.pi)
-        phase = f"{field}_phase"
-        _checked(f"{name}.{phase}", getattr(part, phase), bounds, "rad", "give radians")
+        _LENGTH.check(f"{name}.{field}", getattr(part, field))
+        _PHASE.check(f"{name}.{field}_phase", getattr(part, f"{field}_phase"))
 
 
 @dataclass(frozen=True)
@@ -211,11 +251,9 @@ def conveying_regime(
     landing [1], damping [1], friction of shaken grains [1] and drag [s/m], `rolling` [1] is the
     share of the grip of the deck that rolling grains take.
     """
-    limit = 0.5 * math.pi
-    inclination = _checked(
-        "inclination", inclination, (-limit, limit), "rad", "were degrees meant? give radians"
-    )
-    friction = _checked("friction", friction, (0.0, 100.0), "(ratio)", "give a coefficient")
+    _INCLINATION.check("inclination", inclination)
+    _FRICTION.check("friction", friction)
+    _ROLLING.check("rolling", rolling)
     if model not in _SOLVERS:
         raise InputError(f"model = {model!r} is unknown: give one of {', '.join(_SOLVERS)}")
     runs_away = model == "rigid_body" and abs(math.tan(inclination)) >= friction
@@ -227,9 +265,6 @@ def conveying_regime(
             'displacement.model = "bed" or "prescribed"'
         )
     result = np.zeros(7)
-    rolling = _checked(
-        "rolling", rolling, (0.0, 0.95), "(ratio)", "0 is for grains that do not roll"
-    )
     drive = np.array([motion.frequency, inclination, friction, 0.0, rolling])
     work = np.zeros(WORK_SIZE)
     work[CONSTANT : CONSTANT + len(BED_CONSTANTS)] = constants

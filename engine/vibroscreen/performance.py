@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroscreen.kernels.step import partition_size
+from vibroscreen.kernels.outputs import partition_size
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd

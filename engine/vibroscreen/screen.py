@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen import registry
-from vibroscreen.config import CLOSURES, RECONSTRUCTIONS, Deck, ScreenConfig
-from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import ConfigError, InputError, given, told
+from vibroscreen.fields import Choice
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
-from vibroscreen.kernels.entry import ADVANCE, INITIALISE, PLACE_NODES, READ, run
+from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
+from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.kernels.state import Layout
 from vibroscreen.kernels.steady import FEED_RATE
-from vibroscreen.kernels.step import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.motion import Motion
+from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
+from vibroscreen.variables import PARAMETERS, Variable, setting
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
@@ -39,96 +43,7 @@ SHORTEST_STEP = 1e-300  # s; what moves in less is too little for the numbers of
 LONGEST_STEP = 1e9  # s; what moves in more is too slow for them, and would be looked for forever
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
-
-# What a user calls the numbers of the buffer: (field, scalar) -> name, unit, cure.
-VARIABLE: dict[tuple[str, str], tuple[str, str, str]] = {
-    ("input", "feed_rate"): (
-        "feed.mass_flow_rate",
-        "kg/s",
-        "give a finite rate that is not negative",
-    ),
-    ("input", "frequency"): ("motion.frequency", "Hz", "was 1/min meant? divide it by 60"),
-    ("input", "amplitude"): ("motion.amplitude", "m", "were millimetres meant? give metres"),
-    ("input", "throw_angle"): ("motion.throw_angle", "rad", "were degrees meant? give radians"),
-    ("input", "ellipticity"): ("motion.ellipticity", "", "0 is linear, 1 and -1 are circular"),
-    ("input", "displacement_velocity"): (
-        "displacement.velocity",
-        "m/s",
-        "give a velocity down the deck; it cannot convey upwards",
-    ),
-    ("parameter", "bulk_density"): ("material.bulk_density", "kg/m3", ""),
-    ("parameter", "friction_deck"): ("material.friction_deck", "", "give a friction coefficient"),
-    ("parameter", "friction_internal"): (
-        "material.friction_internal",
-        "",
-        "give a friction coefficient",
-    ),
-    ("parameter", "rolling"): ("material.rolling", "", "0 is for grains that do not roll"),
-    ("parameter", "passage_law"): ("passage.law", "", ""),
-    ("parameter", "passage_velocity"): ("passage.velocity", "m/s", "0 closes the deck"),
-    ("parameter", "passage_rim"): ("passage.rim", "", "0 is Gaudin, 1 guides every grain in"),
-    ("parameter", "passage_passing_time"): (
-        "passage.passing_time",
-        "",
-        "0 lets any number pass at once",
-    ),
-    ("parameter", "passage_drift"): ("passage.drift", "", "0 lets grains pass at any velocity"),
-    ("parameter", "passage_damping"): (
-        "passage.damping",
-        "",
-        "0 is for thin beds",
-    ),
-    ("parameter", "passage_lift"): ("passage.lift", "", "0 keeps the bed on the deck"),
-    ("parameter", "passage_stirring"): ("passage.stirring", "", "0 is for beds that do not convey"),
-    ("parameter", "passage_calming"): ("passage.calming", "", "0 throws all beds alike"),
-    ("parameter", "passage_depletion"): ("passage.depletion", "", "0 renews what lies on the deck"),
-    ("parameter", "passage_levelling"): ("passage.levelling", "", "0 lets all of a bed damp"),
-    ("parameter", "segregation_model"): ("segregation.model", "", ""),
-    ("parameter", "segregation_velocity"): (
-        "segregation.velocity",
-        "m/s",
-        "0 switches percolation off",
-    ),
-    ("parameter", "segregation_dilation"): (
-        "segregation.dilation",
-        "m",
-        "were millimetres meant? give metres",
-    ),
-    ("parameter", "segregation_relative_dilation"): (
-        "segregation.relative_dilation",
-        "",
-        "give a part of the mean grain size",
-    ),
-    ("parameter", "segregation_mixing"): ("segregation.mixing", "m/s", "0 only sorts"),
-    ("parameter", "segregation_proportion"): ("segregation.proportion", "", "give a part of one"),
-    ("parameter", "displacement_model"): ("displacement.model", "", ""),
-    ("parameter", "contact_depth"): ("bed.contact_depth", "m", ""),
-    ("parameter", "layer_depth"): ("bed.layer_depth", "m", ""),
-    ("parameter", "initial"): ("bed.initial", "", ""),
-    ("parameter", "vibrating_mass"): ("drive.vibrating_mass", "kg", ""),
-    ("parameter", "bearing_friction"): ("drive.bearing_friction", "", ""),
-    ("parameter", "bearing_diameter"): ("drive.bearing_diameter", "m", ""),
-    ("parameter", "drive_efficiency"): ("drive.efficiency", "", ""),
-    ("parameter", "tolerance"): ("solver.tolerance", "", ""),
-    ("parameter", "subdivision"): ("size_classes.subdivision", "", ""),
-    ("panel", "length"): ("length", "m", ""),
-    ("panel", "inclination"): ("inclination", "rad", "were degrees meant? give radians"),
-    ("panel", "aperture"): ("aperture", "m", ""),
-    ("panel", "open_area"): ("open_area", "", "give the open part of the deck's area"),
-    ("panel", "velocity_factor"): ("velocity_factor", "", "give a factor that is not negative"),
-}
-
-
-# What is told of what a kernel refused.
-TEXT_OF_CODE = {
-    state.NOT_FINITE: "not_finite",
-    state.TOO_SMALL: "too_small",
-    state.TOO_LARGE: "too_large",
-    state.BAD_SUM: "bad_sum",
-    state.TOO_STEEP: "too_steep",
-    state.NO_MODEL: "no_model",
-    state.NO_VELOCITY: "no_velocity",
-}
+ENDLESS = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -236,6 +151,10 @@ class Screen:
         except InputError:
             self.buffer[:] = kept
             raise
+
+    def check(self) -> None:
+        """Check parameters and inputs in the buffer. Raises InputError as `advance` does."""
+        _accept(self._run(CHECK, 0.0, 0.0), self.buffer, self.layout)
 
     def advance(self, duration: float) -> None:
         """Advance by `duration` s with the inputs in the buffer.
@@ -490,41 +409,15 @@ def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 
 
 def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | None = None) -> None:
     """Write a configuration into a buffer: parameters, duty and constants, nodes if given."""
-    values = {
-        **dataclasses.asdict(config.material),
-        "passage_law": registry.model("passage", config.passage.law).number,
-        "passage_velocity": passage_velocity(config),
-        "passage_rim": config.passage.rim,
-        "passage_passing_time": config.passage.passing_time,
-        "passage_drift": config.passage.drift,
-        "passage_damping": config.passage.damping,
-        "passage_lift": config.passage.lift,
-        "passage_stirring": config.passage.stirring,
-        "passage_calming": config.passage.calming,
-        "passage_depletion": config.passage.depletion,
-        "passage_levelling": config.passage.levelling,
-        "segregation_model": registry.model("segregation", config.segregation.model).number,
-        "segregation_velocity": config.segregation.velocity,
-        "segregation_dilation": config.segregation.dilation,
-        "segregation_relative_dilation": config.segregation.relative_dilation,
-        "segregation_mixing": config.segregation.mixing,
-        "segregation_proportion": config.segregation.proportion,
-        "displacement_model": registry.model("displacement", config.displacement.model).number,
-        "contact_depth": config.bed.contact_depth,
-        "layer_depth": config.bed.layer_depth,
-        "initial": ("empty", "steady").index(config.bed.initial) + 1,
-        "vibrating_mass": config.drive.vibrating_mass,
-        "bearing_friction": config.drive.bearing_friction,
-        "bearing_diameter": config.drive.bearing_diameter,
-        "drive_efficiency": config.drive.efficiency,
-        "tolerance": config.solver.tolerance,
-        "subdivision": config.size_classes.subdivision,
-    }
 
     def put(name: str, value: object) -> None:
         layout.view(buffer, name)[...] = value
 
-    put("parameter", [values[name] for name in state.PARAMETER])
+    put("parameter", [_parameter(config, variable) for variable in PARAMETERS])
+    put("limit", [number.limits if number else ENDLESS for number in settings_of(config)])
+    # A user's own model has a number beyond those that are built in.
+    most = layout.view(buffer, "limit")[: len(PARAMETERS), 1]
+    most[:] = np.maximum(most, layout.view(buffer, "parameter"))
     put("lower", config.size_classes.lower)
     put("upper", config.size_classes.upper)
     put("edge", config.size_classes.edges)
@@ -546,6 +439,21 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         put_nodes(layout, buffer, nodes)
     layout.record(buffer, "input").displacement_velocity = config.displacement.velocity
     Inputs(layout, buffer).put(config.feed, config.motion)
+
+
+def _parameter(config: ScreenConfig, variable: Variable) -> float:
+    """A parameter as the engine holds it: a choice by its place, from 1 on."""
+    value = getattr(getattr(config, variable.section), variable.field)
+    if isinstance(variable.entry, Choice):
+        return float(variable.entry.names().index(value) + 1)
+    if (variable.section, variable.field) == ("passage", "velocity"):
+        return passage_velocity(config)
+    return float(value)
+
+
+def settings_of(config: ScreenConfig) -> tuple[Variable | None, ...]:
+    """The numbers of parameters and inputs in the order of the buffer (`variables.setting`)."""
+    return tuple(setting(config.size_classes.count, [len(deck.panels) for deck in config.decks]))
 
 
 def put_nodes(layout: Layout, buffer: Array, nodes: Nodes) -> None:
@@ -584,21 +492,13 @@ class Inputs:
             self._harmonic[:] = motion.harmonic_rows
 
 
-def variable_name(layout: Layout, index: int) -> tuple[str, str, str]:
-    """Name, unit and cure of the number at a place of the buffer."""
-    for field, scalars in (("input", state.INPUT), ("parameter", state.PARAMETER)):
-        place = index - layout.offset[field]
-        if 0 <= place < len(scalars):
-            return VARIABLE[field, scalars[place]]
-    place = index - layout.offset["fraction"]
-    if 0 <= place < layout.shape["fraction"][0]:
-        cure = "give mass fractions from 0 to 1 that sum to 1"
-        return f"feed.mass_fraction[{place + 1}]", "", cure
-    deck, panel, scalar = (
-        int(k) for k in np.unravel_index(index - layout.offset["panel"], layout.shape["panel"])
-    )
-    name, unit, cure = VARIABLE["panel", state.PANEL[scalar]]
-    return f"deck[{deck + 1}].panel[{panel + 1}].{name}", unit, cure
+def variable_at(layout: Layout, buffer: Array, index: int) -> Variable:
+    """The parameter or input at a place of the buffer."""
+    panels = layout.view(buffer, "panel_count").astype(int).tolist()
+    numbers = setting(layout.dimension["classes"], panels)
+    found = next(islice(numbers, index - layout.section["parameters"].start, None))
+    assert found is not None, "a panel that is not there was checked"
+    return found
 
 
 def _accept(code: int, buffer: Array, layout: Layout) -> None:
@@ -617,40 +517,36 @@ def refusal_of(
     layout: Layout, buffer: Array, code: float, index: float, value: float, limit: float
 ) -> InputError:
     """The error of a refusal: its code, the place of the buffer, its value and limit."""
-    if code == state.NO_FEED:
+    key = state.REFUSED[int(code) - 1]
+    if key == "no_feed":
         return InputError(
             "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
             "feed.mass_flow_rate",
         )
-    if code == state.NO_CONVEYING:
+    if key == "no_conveying":
         return no_conveying(layout, buffer)
-    if code == state.BAD_SUM:
-        return InputError(told("bad_sum", value=value, limit=limit), "feed.mass_fraction")
-    name, unit, cure = variable_name(layout, int(index))
+    if key == "bad_sum":
+        return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
+    variable = variable_at(layout, buffer, int(index))
     text = told(
-        TEXT_OF_CODE[int(code)],
-        name=name,
-        given=given(name, value, unit),
-        bound=with_unit(shown_limit(limit), unit),
-        cure=cure,
+        key,
+        name=variable.name,
+        given=given(variable.name, value, variable.unit),
+        range=variable.range,
+        cure=variable.cure(key),
         value=value,
         limit=limit,
         degrees=value / DEG,
-        slope=math.tan(value) if code == state.TOO_STEEP else 0.0,
+        slope=math.tan(value) if key == "too_steep" else 0.0,
         number=float(buffer[int(index)]),
     )
-    return InputError(text, name)
-
-
-def shown_limit(limit: float) -> float:
-    """A limit as people are told it: without the room that round-off gets."""
-    return 0.0 if -1e-6 < limit < 0.0 else limit
+    return InputError(text, variable.name)
 
 
 def no_conveying(layout: Layout, buffer: Array) -> InputError:
     """What to say of a deck that does not convey."""
     inputs = layout.record(buffer, "input")
-    frequency, amplitude = inputs.frequency, inputs.amplitude
+    frequency, amplitude = inputs.motion_frequency, inputs.motion_amplitude
     velocity = inputs.displacement_velocity
     model = layout.record(buffer, "parameter").displacement_model
     if model == PRESCRIBED and velocity == 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
-from vibroscreen.fields import Number, Numbers, as_tuple, of
+from vibroscreen.fields import Number, Numbers, as_tuple, said
 from vibroscreen.units import T_H
 
 Array = NDArray[np.float64]
@@ -31,10 +31,26 @@ _RATE = Number(
     "kg/s",
     T_H,
     at_least=0.0,
+    at_most=1e6,
+    slack=ROUND_OFF,
+    variability="continuous",
+    tells="Feed to the top deck",
     cure="give a finite rate, 0 for no feed",
     error=InputError,
 )
-_FRACTION = Number("mass_fraction", cure="give a share of the mass", error=InputError)
+# A number whose limits are checked after the type of all.
+_ANY = Number("mass_fraction", cure="give a share of the mass", error=InputError)
+_LEAST, _MOST = _RATE.limits
+_FRACTION = Number(
+    "mass_fraction",
+    at_least=0.0,
+    at_most=1.0,
+    slack=ROUND_OFF,
+    variability="continuous",
+    tells="Mass fraction of the class in the feed; ignored while nothing is fed",
+    cure="give a share of the mass",
+    error=InputError,
+)
 
 
 def fractions_of_passing(passing: Sequence[float]) -> tuple[float, ...]:
@@ -126,14 +142,12 @@ class Feed:
     Raises InputError whose `variable` is the offending one, such as `feed.mass_fraction[3]`.
     """
 
-    mass_flow_rate: float = field(default=300.0 * T_H, metadata=of(_RATE))
-    mass_fraction: tuple[float, ...] = field(
-        default=(), metadata=of(_Composition("mass_fraction", _FRACTION))
-    )
+    mass_flow_rate: float = said(300.0 * T_H, _RATE)
+    mass_fraction: tuple[float, ...] = said((), _Composition("mass_fraction", _FRACTION))
 
     def __post_init__(self) -> None:
         rate = self.mass_flow_rate
-        if type(rate) is not float or not 0.0 <= rate < math.inf:
+        if type(rate) is not float or not _LEAST <= rate <= _MOST:
             rate = _RATE.check("feed.mass_flow_rate", _unrounded(rate))
             object.__setattr__(self, "mass_flow_rate", rate)
         fractions = as_tuple(self.mass_fraction)
@@ -194,7 +208,7 @@ class Stream:
 
 def _numbers(name: str, values: Any) -> tuple[float, ...]:
     """Values as floats; InputError for the first that is no finite number."""
-    return Numbers(name.rpartition(".")[2], _FRACTION).check(name, values)
+    return Numbers(name.rpartition(".")[2], _ANY).check(name, values)
 
 
 def _unrounded(value: Any) -> Any:

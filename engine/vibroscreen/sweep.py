@@ -11,28 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroscreen.config import (
-    Bed,
-    Deck,
-    Drive,
-    Material,
-    Panel,
-    Passage,
-    ScreenConfig,
-    Segregation,
-)
-from vibroscreen.errors import ConfigError, InputError
-from vibroscreen.fields import Number, entries, nearest
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import InputError
+from vibroscreen.fields import nearest
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import SOLVE_MANY, run
 from vibroscreen.kernels.state import Layout
 from vibroscreen.screen import (
-    VARIABLE,
     check_supported,
     fill,
     nodes_of,
     put_nodes,
     refusal_of,
+    settings_of,
     slice_layout,
 )
 
@@ -43,27 +34,6 @@ Array = NDArray[np.float64]
 
 # Designs that a thread takes at a time.
 CHUNK = 64
-# Numbers that a screen is built with and that a sweep cannot change: choices, and what sets sizes.
-FIXED = frozenset(
-    {
-        "passage_law",
-        "segregation_model",
-        "displacement_model",
-        "initial",
-        "tolerance",
-        "subdivision",
-    }
-)
-# What limits the numbers of a section; the engine itself checks inputs.
-SECTIONS: dict[str, type] = {
-    "deck": Deck,
-    "panel": Panel,
-    "material": Material,
-    "passage": Passage,
-    "segregation": Segregation,
-    "bed": Bed,
-    "drive": Drive,
-}
 FEED_FRACTION = "feed.mass_fraction"
 
 
@@ -152,7 +122,7 @@ class Sweep:
         self.base = _common(designs)
         self._tables = any(config.passage.velocity_table is not None for config in designs)
         self._settings, self._harmonics = _settings_of_configs(designs)
-        self._known = places(self.base, slice_layout(self.base))
+        self._known = places(self.base)
 
     def solve(
         self,
@@ -180,7 +150,6 @@ class Sweep:
             raise InputError(
                 "apertures change under passage.velocity_table: give passage.velocity", "values"
             )
-        _check_lengths(self.base, settings, self._known)
         harmonics = np.tile(self._harmonics, (repeat, 1))
         return _table(
             self.base,
@@ -229,36 +198,24 @@ def _columns(config: ScreenConfig, values: Mapping[str, ArrayLike]) -> dict[str,
     return columns
 
 
-def places(config: ScreenConfig, layout: Layout) -> dict[str, int]:
+def places(config: ScreenConfig) -> dict[str, int]:
     """Where the numbers that a sweep may change lie among parameters and inputs, by name."""
-    first = layout.section["parameters"].start
-    found: dict[str, int] = {}
-    for title, scalars in (("parameter", state.PARAMETER), ("input", state.INPUT)):
-        for k, scalar in enumerate(scalars):
-            if scalar not in FIXED:
-                found[VARIABLE[title, scalar][0]] = layout.offset[title] + k - first
-    for k in range(config.size_classes.count):
-        found[f"{FEED_FRACTION}[{k + 1}]"] = layout.offset["fraction"] + k - first
-    for d, deck in enumerate(config.decks):
-        found[f"deck[{d + 1}].width"] = layout.offset["width"] + d - first
-        for p in range(len(deck.panels)):
-            for k, scalar in enumerate(state.PANEL):
-                name = f"deck[{d + 1}].panel[{p + 1}].{scalar}"
-                index = np.ravel_multi_index((d, p, k), layout.shape["panel"])
-                found[name] = layout.offset["panel"] + int(index) - first
-    return found
+    return {
+        number.name: k
+        for k, number in enumerate(settings_of(config))
+        if number and not number.whole and number.name != "solver.tolerance"
+    }
 
 
 def _settings_of_values(config: ScreenConfig, columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """Settings [design, number] and harmonics of one configuration under columns of values."""
     layout = slice_layout(config)
-    known = places(config, layout)
+    known = places(config)
     setting, harmonic = _setting(config, layout)
     count = len(next(iter(columns.values()))) if columns else 1
     settings = np.tile(setting, (count, 1))
     _put_columns(config, columns, settings, known)
     _follow_table(config, columns, settings, known)
-    _check_lengths(config, settings, known)
     return settings, np.tile(harmonic, (count, 1))
 
 
@@ -280,7 +237,6 @@ def _put_columns(
                 f"{nearest(name, known)}",
                 name,
             )
-        _check_column(config, name, column)
         settings[:, known[name]] = column
 
 
@@ -290,37 +246,6 @@ def _setting(config: ScreenConfig, layout: Layout) -> tuple[Array, Array]:
     fill(layout, buffer, config)
     part = slice(layout.section["parameters"].start, layout.section["inputs"].stop)
     return buffer[part].copy(), layout.view(buffer, "harmonic").ravel().copy()
-
-
-def _check_column(config: ScreenConfig, name: str, column: Array) -> None:
-    """Refuse what a configuration refuses; inputs are checked by the engine, design by design."""
-    entry = _entry_of(name)
-    if entry is None:
-        return
-    for value in (column.min(), column.max()):
-        try:
-            entry.check(name, float(value))
-        except ConfigError as error:
-            design = int(np.flatnonzero(column == value)[0])
-            raise ConfigError(f"design {design}: {error}") from None
-
-
-def _entry_of(name: str) -> Number | None:
-    """The entry of a configuration that a name belongs to; None for an input."""
-    section, *_, last = name.split(".")
-    kind = SECTIONS.get("panel" if ".panel" in name else section.split("[")[0])
-    known = entries(kind) if kind is not None else {}
-    entry = known.get(last)
-    return entry if isinstance(entry, Number) else None
-
-
-def limits_of(name: str) -> tuple[float, float]:
-    """Least and largest legal value of a number by the name of the FMU's variable, SI."""
-    entry = _entry_of(name)
-    bounds = (entry.at_least, entry.above, entry.at_most, entry.below) if entry else (None,) * 4
-    low = max((b for b in bounds[:2] if b is not None), default=-np.inf)
-    high = min((b for b in bounds[2:] if b is not None), default=np.inf)
-    return low, high
 
 
 def _follow_table(
@@ -342,27 +267,6 @@ def _follow_table(
     for value in (columns[name].min(), columns[name].max()):
         config.passage.velocity_at(float(value))
     settings[:, known["passage.velocity"]] = np.interp(columns[name], apertures, velocities)
-
-
-def _check_lengths(config: ScreenConfig, settings: Array, known: Mapping[str, int]) -> None:
-    """Refuse decks of one box that differ in length."""
-    lengths = np.array(
-        [
-            sum(
-                settings[:, known[f"deck[{d}].panel[{p}].length"]]
-                for p in range(1, len(deck.panels) + 1)
-            )
-            for d, deck in enumerate(config.decks, start=1)
-        ]
-    )
-    differ = np.abs(lengths - lengths[0]).max(axis=0) > 1e-9 * lengths[0]
-    if differ.any():
-        design = int(np.flatnonzero(differ)[0])
-        said = ", ".join(f"{length:.6g} m" for length in lengths[:, design])
-        raise ConfigError(
-            f"design {design}: decks are {said} long: decks of one box are equally long, change "
-            "the lengths of the panels"
-        )
 
 
 def _common(configs: Sequence[ScreenConfig]) -> ScreenConfig:

@@ -109,8 +109,7 @@ NO_ENGINE = (
     "(pip install 'vibroscreen[fmu]'), or, for this machine only, install a C compiler"
 )
 LICENCE = "MIT. The licence of pythonfmu lies beside this page."
-# What is vendored under one name, from the ground up. Kernels are apart, as their library is.
-COMPILER, KERNELS = "vibroscreen.compiler", "vibroscreen.kernels"
+# What is vendored under a name of its own, from the ground up.
 ENGINE, ADAPTER = "vibroscreen", "vibroscreen_fmu"
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # the first that a zip can say
 PLATFORMS = ("linux64", "win64")  # of pythonfmu's library
@@ -146,7 +145,12 @@ class Engine:
     @property
     def has_kernels(self) -> bool:
         """Whether anything is compiled: if not, the host needs no compiler."""
-        return KERNELS in self.package
+        return any(name.startswith(f"{self._home}/") for name in self.sources)
+
+    @property
+    def _home(self) -> str:
+        """Where the kernels lie, and the engine beside them."""
+        return f"{self.package[ENGINE]}/kernels"
 
     @property
     def platforms(self) -> tuple[str, ...]:
@@ -166,14 +170,14 @@ class Engine:
         """The engine for these platforms, and what it was compiled from."""
         if not self.has_kernels:
             return {}
-        home = self.package[KERNELS]
-        packages = (home, self.package[COMPILER])
+        home = self._home
+        folders = (f"{home}/", f"{self.package[ENGINE]}/compiler/")
         texts = {
             name.rpartition("/")[2]: text
             for name, text in self.sources.items()
-            if name.partition("/")[0] in packages
+            if name.startswith(folders)
         }
-        found = {f"{home}/{library.STAMP}": library.stamp_note(texts, library.stamps())}
+        found = {f"{home}/{library.STAMP}": library.note(texts)}
         for path in self._at_hand().values():
             found[f"{home}/{path.name}"] = path.read_bytes()
         return found
@@ -201,7 +205,7 @@ class Model:
 def engine(slave: str = SLAVE) -> Engine:
     """What the module of a slave imports, transitively."""
     own = slave.partition(".")[0]
-    parts = tuple(dict.fromkeys((COMPILER, KERNELS, ENGINE, ADAPTER, own)))
+    parts = tuple(dict.fromkeys((ENGINE, ADAPTER, own)))
     modules, foreign = _closure(slave, parts)
     package: dict[str, str] = {}
     sources: Files = {}
@@ -218,7 +222,7 @@ def engine(slave: str = SLAVE) -> Engine:
         folders = {str(parent) for place in texts for parent in PurePosixPath(place).parents}
         texts |= {f"{folder}/__init__.py".removeprefix("./"): b"" for folder in folders}
         tag = _hash(*(piece for place in sorted(texts) for piece in (place.encode(), texts[place])))
-        package[part] = f"{part.replace('.', '_')}_{tag}"
+        package[part] = f"{part}_{tag}"
         within = {part: package[part]}
         for place, source in texts.items():
             sources[f"{package[part]}/{place}"] = _vendored(source, within)
@@ -365,7 +369,6 @@ def _needs(parts: Engine) -> str:
 # --- sources -------------------------------------------------------------------------------------
 def _closure(start: str, parts: tuple[str, ...]) -> tuple[dict[str, Path], set[str]]:
     """Our modules that a module imports, transitively, with their files; packages of others."""
-    ours = {part.partition(".")[0] for part in parts}
     modules: dict[str, Path] = {}
     foreign: set[str] = set()
     waiting = [start]
@@ -379,7 +382,7 @@ def _closure(start: str, parts: tuple[str, ...]) -> tuple[dict[str, Path], set[s
         modules[name] = path
         for imported in _imports(path):
             top = imported.partition(".")[0]
-            if top in ours:
+            if top in parts:
                 steps = imported.split(".")
                 waiting += [".".join(steps[: k + 1]) for k in range(1, len(steps))]
             elif top not in sys.stdlib_module_names:
@@ -418,8 +421,7 @@ def _vendored(source: bytes, package: Mapping[str, str]) -> bytes:
     """A source file that imports our packages by their names in the FMU, as far as given."""
     if not package:
         return source
-    # Longer names first: `vibroscreen.kernels` is not a module of `vibroscreen`.
-    names = "|".join(re.escape(name) for name in sorted(package, key=len, reverse=True))
+    names = "|".join(map(re.escape, package))
     statement = rf"^(\s*(?:from|import)\s+)({names})(?=[.\s])"
 
     def rename(found: re.Match[bytes]) -> bytes:

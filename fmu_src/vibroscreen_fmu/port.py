@@ -64,10 +64,10 @@ class Port:
     causality: str
     variability: str
     kind: str
-    unit: str
-    display: bool
-    least: float | None
-    most: float | None
-    start: float | None
-    enumeration: Enumeration | None
-    path: Steps
+    unit: str = "1"
+    display: bool = True
+    least: float | None = None
+    most: float | None = None
+    start: float | None = None
+    enumeration: Enumeration | None = None
+    path: Steps = ()

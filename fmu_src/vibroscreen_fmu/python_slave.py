@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
-from vibroscreen.errors import ConfigError, given, told
-from vibroscreen.fields import in_place
-from vibroscreen.screen import Screen
+from vibroscreen.errors import given, told
+from vibroscreen.kernels.entry import CHECK, run
+from vibroscreen.kernels.state import ACCEPTED
+from vibroscreen.screen import Screen, fill, refusal, slice_layout
 from vibroscreen_fmu.port import TOLERANCE, Port, Steps
 from vibroscreen_fmu.ports import ports
 from vibroscreen_fmu.row_slave import RowSlave, refusing
@@ -59,6 +60,7 @@ class ScreenSlave(RowSlave):
 
     def start(self) -> None:
         """A screen with the parameters and inputs set so far: its decks are empty or full."""
+        self._screen.check()
         sections = self._screen.layout.section
         screen = self._screen_of(self._screen.buffer[sections["parameters"]])
         # Parameters and inputs lie at the same place in the buffer of every screen of this build.
@@ -96,6 +98,7 @@ class ScreenSlave(RowSlave):
         fixed = self._fixed
         if np.array_equal(parameters[fixed], self._built_with[fixed]):
             return self._screen
+        self._check_fixed(parameters)
         # Tunable ones have no part in how a screen is laid out: a state that was tuned since fits.
         table = [port for port in self._table if port.causality == "parameter" and port.path]
         changed = [port for port in table if parameters[port.reference] != port.start]
@@ -107,6 +110,15 @@ class ScreenSlave(RowSlave):
             row[port.reference] = parameters[port.reference]
         return screen
 
+    def _check_fixed(self, parameters: NDArray[np.float64]) -> None:
+        """Check the fixed parameters of a screen that is to be."""
+        layout = slice_layout(self._config)
+        buffer = layout.buffer()
+        fill(layout, buffer, self._config)
+        buffer[layout.section["parameters"]][self._fixed] = parameters[self._fixed]
+        if run(buffer, CHECK, 0.0, 0.0) != ACCEPTED:
+            raise refusal(layout, buffer)
+
 
 @functools.lru_cache(maxsize=4)
 def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
@@ -116,47 +128,30 @@ def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
 
 
 def configured(config: ScreenConfig, changed: Mapping[Port, float]) -> ScreenConfig:
-    """The configuration with other values of parameters. Raises ConfigError that names one."""
+    """The configuration with other values of parameters, which were checked."""
     values: dict[Steps, Any] = {}
     for port, value in changed.items():
-        if port.enumeration:
-            names = [name for name, _ in port.enumeration.items]
-            if not 1 <= value <= len(names):
-                choice = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
-                raise ConfigError(told("no_choice", name=port.name, value=value, cure=choice))
-            values[port.path] = names[int(value) - 1]
-        elif port.path not in values:
-            values[port.path] = value
-        elif values[port.path] != value:
-            beside = values[port.path]
-            raise ConfigError(told("two_limits", name=port.name, value=value, limit=beside))
+        choices = port.enumeration
+        values[port.path] = choices.items[int(value) - 1][0] if choices else value
     if ("passage", "velocity") in values:
         values["passage", "velocity_table"] = None
     return _replaced(config, values) if values else config
 
 
-# What a part of a configuration is called in messages.
-_TITLES = {"decks": "deck", "panels": "deck.panel"}
-
-
-def _replaced(part: Any, values: Mapping[Steps, Any], title: str = "") -> Any:
+def _replaced(part: Any, values: Mapping[Steps, Any]) -> Any:
     """A dataclass or tuple with other values at paths into it, checked once as a whole."""
     inside: dict[str | int, dict[Steps, Any]] = {}
     for (first, *rest), value in values.items():
         inside.setdefault(first, {})[tuple(rest)] = value
 
-    def item(old: Any, changes: dict[Steps, Any], title: str) -> Any:
-        return changes[()] if () in changes else _replaced(old, changes, title)
+    def item(old: Any, changes: dict[Steps, Any]) -> Any:
+        return changes[()] if () in changes else _replaced(old, changes)
 
     if not isinstance(part, tuple):
-        changes = {
-            str(name): item(getattr(part, str(name)), change, _TITLES.get(str(name), ""))
-            for name, change in inside.items()
-        }
-        return dataclasses.replace(part, **changes)
+        changed = {str(k): item(getattr(part, str(k)), change) for k, change in inside.items()}
+        return dataclasses.replace(part, **changed)
     items = list(part)
     for place, change in inside.items():
         assert isinstance(place, int)
-        with in_place(title, place + 1):
-            items[place] = item(items[place], change, title)
+        items[place] = item(items[place], change)
     return tuple(items)

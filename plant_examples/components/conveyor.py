@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
+
+from components.stream import Array
 
 __all__ = ["Conveyor"]
-
-Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-9  # share of the delay by which times may differ and still be the same
 

@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
-import shutil
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TypeAlias
 
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
 from lxml import etree
 
-__all__ = ["Wire", "step_along", "write_archive"]
+from components.instance import STARTED, running
+
+__all__ = ["Wire", "step_along", "wires", "write_archive"]
 
 Wire: TypeAlias = tuple[str, str, str, str]
 """Element, output, element, input of a connected variable."""
 
-STARTED = 0.0
 SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 
 
-@contextmanager
-def running(fmu: Path, name: str) -> Iterator[tuple[FMU2Slave, dict[str, int]]]:
-    """An instance of an FMU that has started, and the references of its variables."""
-    description = read_model_description(str(fmu))
-    folder = extract(str(fmu))
-    slave = FMU2Slave(
-        guid=description.guid,
-        unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName=name,
+def wires(streams: Iterable[Wire], classes: int) -> tuple[Wire, ...]:
+    """The variables of streams that have so many size classes: the rate and every fraction."""
+    variables = ("mass_flow_rate", *(f"mass_fraction[{i}]" for i in range(1, classes + 1)))
+    return tuple(
+        (source, f"{output}.{variable}", target, f"{given}.{variable}")
+        for source, output, target, given in streams
+        for variable in variables
     )
-    try:
-        slave.instantiate(loggingOn=True)
-        slave.setupExperiment(startTime=STARTED)
-        slave.enterInitializationMode()
-        slave.exitInitializationMode()
-        yield slave, {v.name: v.valueReference for v in description.modelVariables}
-        slave.terminate()
-    finally:
-        slave.freeInstance()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def step_along(

@@ -20,13 +20,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from components.stream import Array
 from vibroscreen.units import KW, KWH_T, MICROMETRE, MM
 
 __all__ = ["ConeCrusher", "broadbent_callcott", "passing_size"]
-
-Array = NDArray[np.float64]
 
 
 def broadbent_callcott(ratio: Array) -> Array:

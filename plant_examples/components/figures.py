@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from vibroscreen.units import KW, MINUTE, PERCENT, T_H
 
@@ -17,6 +16,8 @@ def draw_circuit(history: pd.DataFrame, path: Path) -> None:
 
     `history` has a row per step in SI units: time, regime, four streams, two powers.
     """
+    from matplotlib.figure import Figure  # half a second, for who draws
+
     minutes = history["time"] / MINUTE
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
     panels = figure.subplots(4, sharex=True, height_ratios=(3, 1, 1, 1))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
 
-from components.mixer import Rates
 from components.slaves import UNIT_FILE, ConveyorSlave, CrusherSlave, MixerSlave, Unit, UnitSlave
+from components.stream import Array
 from vibroscreen.units import MM
 from vibroscreen_fmu.drawing import COARSE, FINE, STEEL, png
 from vibroscreen_fmu.package import Model
@@ -20,7 +20,7 @@ STREAMS = (
 )
 
 
-def crusher_model(edges: Rates, composition: Rates, closed_side_setting: float) -> Model:
+def crusher_model(edges: Array, composition: Array, closed_side_setting: float) -> Model:
     """A cone crusher with a setting in m, for size classes between `edges` m."""
     unit = _unit(edges, composition, closed_side_setting=closed_side_setting)
     return _model(
@@ -34,7 +34,7 @@ def crusher_model(edges: Rates, composition: Rates, closed_side_setting: float) 
     )
 
 
-def mixer_model(edges: Rates, composition: Rates, fresh_feed: float, inlets: int = 2) -> Model:
+def mixer_model(edges: Array, composition: Array, fresh_feed: float, inlets: int = 2) -> Model:
     """A mixer; unless it is connected, its first inlet is fed `fresh_feed` kg/s."""
     unit = _unit(edges, composition, fresh_feed=fresh_feed, inlets=inlets)
     return _model(
@@ -42,13 +42,13 @@ def mixer_model(edges: Rates, composition: Rates, fresh_feed: float, inlets: int
         MixerSlave,
         unit,
         f"Mixer of {inlets} streams",
-        "Rates are added class by class. Nothing is held: what comes in during a step leaves in "
+        "Array are added class by class. Nothing is held: what comes in during a step leaves in "
         "it. The start values of the first inlet are a fresh feed.",
         png(_draw_mixer),
     )
 
 
-def conveyor_model(edges: Rates, composition: Rates, delay: float) -> Model:
+def conveyor_model(edges: Array, composition: Array, delay: float) -> Model:
     """A belt on which everything lies for `delay` s."""
     unit = _unit(edges, composition, delay=delay)
     return _model(
@@ -61,7 +61,7 @@ def conveyor_model(edges: Rates, composition: Rates, delay: float) -> Model:
     )
 
 
-def _unit(edges: Rates, composition: Rates, **numbers: float) -> Unit:
+def _unit(edges: Array, composition: Array, **numbers: float) -> Unit:
     return Unit(tuple(edges.tolist()), numbers, tuple(composition.tolist()))
 
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Rates", "composition", "mix"]
+from components.stream import Rates
 
-Rates: TypeAlias = NDArray[np.float64]
-"""Mass flow rate by size class, finest first, kg/s."""
+__all__ = ["mix"]
 
 
 def mix(*streams: Rates) -> Rates:
@@ -28,12 +24,3 @@ def mix(*streams: Rates) -> Rates:
                 f"{streams[0].size}: give all streams on the same sieves"
             )
     return np.asarray(np.sum(streams, axis=0))
-
-
-def composition(stream: Rates, at_rest: Rates) -> Rates:
-    """Mass fraction of each size class in a stream, 1; sums to one.
-
-    A stream that does not flow has no composition and takes that of `at_rest`.
-    """
-    reference = stream if stream.sum() > 0.0 else at_rest
-    return np.asarray(reference / reference.sum())

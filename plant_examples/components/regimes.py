@@ -9,16 +9,14 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from components.screen_fmu import ScreenStep
+from components.stream import Rates
 from vibroscreen.units import KW, KWH_T, MINUTE, PERCENT, T_H, TONNE
 
-__all__ = ["CRUSHER", "ENERGY", "FRESH", "LOAD", "PRODUCT", "SCREEN", "SETTLED"]
-__all__ += ["Circuit", "Regime", "by_step", "circuit_of", "show"]
+__all__ = ["SETTLED", "Circuit", "Regime", "by_step", "circuit_of", "row_of", "show"]
 
 AVERAGED = MINUTE  # the end of a regime that its numbers are means of, about one turn
 SETTLED = 0.01  # the product has settled when it stays within this share of its mean at the end
-
-FRESH, PRODUCT, LOAD = "fresh feed, t/h", "product, t/h", "circulating load, %"
-CRUSHER, SCREEN, ENERGY = "crusher, kW", "screen, kW", "energy, kWh/t of product"
 
 
 @dataclass(frozen=True)
@@ -49,19 +47,37 @@ def by_step(schedule: Sequence[Regime], step: float) -> list[Regime]:
     return [regime for regime in schedule for _ in range(round(regime.duration / step))]
 
 
-def circuit_of(
-    rows: Sequence[Mapping[str, object]], alarms: Mapping[str, int], step: float, held: float
-) -> Circuit:
-    """What a run gave, from a row per step and the steps of each alarm; `held` at its start, kg.
+def row_of(
+    regime: Regime,
+    fresh: Rates,
+    crusher_feed: Rates,
+    screened: ScreenStep,
+    crusher_power: float,
+    held: float,
+) -> dict[str, object]:
+    """What happened in a step, in SI units: totals of the streams, powers, mass held at its end."""
+    return {
+        "regime": regime.name,
+        "fresh feed": fresh.sum(),
+        "crusher feed": crusher_feed.sum(),
+        "product": screened.undersize.sum(),
+        "oversize": screened.oversize.sum(),
+        "crusher power": crusher_power,
+        "screen power": screened.power,
+        "held": held,
+        "alarms": screened.alarms,
+    }
 
-    A row is in SI units: regime, time, fresh feed, crusher feed, product, oversize, crusher power,
-    screen power, held.
-    """
+
+def circuit_of(rows: Sequence[Mapping[str, object]], step: float, held: float) -> Circuit:
+    """What a run gave, from a row for every step of `step` seconds; `held` at its start, kg."""
     history = pd.DataFrame(rows)
+    history.insert(1, "time", step * (history.index + 1))
     fed, product = step * history["fresh feed"].sum(), step * history["product"].sum()
     balance_error = fed - product - (history["held"].iloc[-1] - held)
-    alarm_times = {name: count * step for name, count in alarms.items()}
-    return Circuit(history, summary(history), fed, balance_error, alarm_times)
+    counted = history.pop("alarms").explode().value_counts()
+    alarms = {str(name): count * step for name, count in counted.items()}
+    return Circuit(history, summary(history), fed, balance_error, alarms)
 
 
 def summary(history: pd.DataFrame) -> pd.DataFrame:
@@ -76,22 +92,22 @@ def summary(history: pd.DataFrame) -> pd.DataFrame:
     power = means["crusher power"] + means["screen power"]
     return pd.DataFrame(
         {
-            FRESH: means["fresh feed"] / T_H,
+            "fresh feed, t/h": means["fresh feed"] / T_H,
             "crusher feed, t/h": means["crusher feed"] / T_H,
-            PRODUCT: means["product"] / T_H,
+            "product, t/h": means["product"] / T_H,
             "oversize, t/h": means["oversize"] / T_H,
-            LOAD: means["oversize"] / means["fresh feed"] / PERCENT,
-            CRUSHER: means["crusher power"] / KW,
-            SCREEN: means["screen power"] / KW,
-            ENERGY: power / means["product"] / KWH_T,
+            "circulating load, %": means["oversize"] / means["fresh feed"] / PERCENT,
+            "crusher, kW": means["crusher power"] / KW,
+            "screen, kW": means["screen power"] / KW,
+            "energy, kWh/t of product": power / means["product"] / KWH_T,
             "settled after, min": settled / MINUTE,
         }
     )
 
 
-def show(circuit: Circuit, console: Console) -> None:
+def show(circuit: Circuit) -> None:
     """Print the regimes side by side, the balance and the alarms."""
-    regimes = circuit.regimes
+    console, regimes = Console(), circuit.regimes
     table = Table("mean of the last minute", title="Closed crushing circuit")
     for name in regimes.index:
         table.add_column(str(name), justify="right")

@@ -1,29 +1,31 @@
-"""The screen as an FMU, driven step by step through fmpy's low-level interface."""
+"""The screen as an FMU, driven step by step."""
 
 from __future__ import annotations
 
-import shutil
+import subprocess
+import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
-from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Slave,
-    defaultCallbacks,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-    fmi2Warning,
-)
 
-from components.mixer import Rates, composition
+from components.instance import STARTED, running
+from components.stream import Array, Rates, composition
 
-__all__ = ["RefusedStepError", "RunningScreen", "ScreenFmu", "ScreenStep"]
+__all__ = ["RefusedStepError", "RunningScreen", "ScreenFmu", "ScreenStep", "build_if_missing"]
 
-ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
+BUILD = Path(__file__).resolve().parents[2] / "build_fmu.py"
+
+
+def build_if_missing(fmu: Path) -> Path:
+    """The FMU of the default screen at that path, as it is or built now."""
+    if not fmu.exists():
+        subprocess.run([sys.executable, str(BUILD), "--output", str(fmu.parent)], check=True)
+    return fmu
 
 
 class RefusedStepError(RuntimeError):
@@ -43,7 +45,7 @@ class ScreenStep:
 class RunningScreen(Protocol):
     """What a circuit needs of a screen: limits of its size classes, m; mass on it, kg; a step."""
 
-    edges: Rates
+    edges: Array
     hold_up: float
 
     def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
@@ -51,59 +53,62 @@ class RunningScreen(Protocol):
 
 
 class ScreenFmu:
-    """A running instance of a VibratingScreen FMU with one deck; use it in a `with` statement.
+    """A VibratingScreen FMU with one deck, which runs inside a `with` statement.
 
     `edges` are the limits of its size classes in m, N + 1 values, finest first; `hold_up` is the
-    mass on the deck now, kg. The unzipped FMU lives in a temporary folder that `close` removes.
+    mass on the deck now, kg.
     """
 
     def __init__(self, path: Path) -> None:
-        """Unzip and initialise with the start values of the FMU.
+        """Nothing runs yet."""
+        self._path = path
+        self._messages: list[str] = []
+
+    def __enter__(self) -> Self:
+        """Start it with the start values of the FMU.
 
         ValueError if it has more than one deck: this class has no place for the middle products.
         """
-        description = read_model_description(path)
-        reference = {v.name: v.valueReference for v in description.modelVariables}
-        if "intermediate[1].mass_flow_rate" in reference:
-            raise ValueError(f"{path} has more than one deck: build a screen with one [[deck]]")
-        self._time = 0.0
-        self._messages: list[str] = []
-        self._folder = extract(path)
-        try:
-            self._slave = FMU2Slave(
-                guid=description.guid,
-                unzipDirectory=self._folder,
-                modelIdentifier=description.coSimulation.modelIdentifier,
-                instanceName="screen",
+        with ExitStack() as stack:
+            self._slave, reference = stack.enter_context(
+                running(self._path, "screen", self._messages.append)
             )
-            self._slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
-        except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            raise
-        try:
-            self._slave.setupExperiment(startTime=0.0)
-            self._slave.enterInitializationMode()
-            self._slave.exitInitializationMode()
-            classes = sum(name.startswith("feed.mass_fraction[") for name in reference)
-            names = [f"size_class[{i}].lower" for i in range(1, classes + 1)]
-            names.append(f"size_class[{classes}].upper")
-            self.edges = np.array(self._slave.getReal([reference[name] for name in names]))
-            (self.hold_up,) = self._slave.getReal([reference["bed.hold_up"]])
-        except BaseException:
-            self.close()
-            raise
+            if "intermediate[1].mass_flow_rate" in reference:
+                raise ValueError(
+                    f"{self._path} has more than one deck: build a screen with one [[deck]]"
+                )
+            self._look_up(reference)
+            self._running = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it, whatever happened."""
+        self._running.__exit__(kind, error, trace)
+
+    def _look_up(self, reference: dict[str, int]) -> None:
+        """Find the variables of a step, read the sizes and what lies on the deck."""
+        classes = sum(name.startswith("feed.mass_fraction[") for name in reference)
 
         def stream(name: str) -> list[str]:
             fractions = [f"{name}.mass_fraction[{i}]" for i in range(1, classes + 1)]
             return [f"{name}.mass_flow_rate", *fractions]
 
         inputs = [*stream("feed"), "motion.frequency"]
-        outputs = [*stream("undersize"), *stream("oversize")]
-        outputs += ["bed.hold_up", "drive.power"]
+        outputs = [*stream("undersize"), *stream("oversize"), "drive.power", "bed.hold_up"]
+        limits = [f"size_class[{i}].lower" for i in range(1, classes + 1)]
+        limits.append(f"size_class[{classes}].upper")
         self._inputs = [reference[name] for name in inputs]
         self._outputs = [reference[name] for name in outputs]
-        self._alarms = [reference[name] for name in ALARMS]
+        self._alarms = {name: at for name, at in reference.items() if name.startswith("alarm.")}
+        self.edges = np.array(self._slave.getReal([reference[name] for name in limits]))
+        (self.hold_up,) = self._slave.getReal([reference["bed.hold_up"]])
         self._composition = np.full(classes, 1.0 / classes)
+        self._time = STARTED
 
     def step(self, feed: Rates, frequency: float, step: float) -> ScreenStep:
         """Feed (kg/s by class) the screen that vibrates at `frequency` (Hz) for `step` seconds.
@@ -122,51 +127,9 @@ class ScreenFmu:
                 f"step of {step:g} s at {self._time:g} s refused: {why}"
             ) from error
         self._time += step
-        values = np.array(self._slave.getReal(self._outputs))
-        streams = values[:-2].reshape(2, -1)  # rate and fractions of undersize, then of oversize
-        undersize, oversize = streams[:, :1] * streams[:, 1:]
-        self.hold_up = float(values[-2])
-        raised = self._slave.getBoolean(self._alarms)
-        return ScreenStep(
-            undersize,
-            oversize,
-            power=float(values[-1]),
-            alarms=tuple(name for name, is_on in zip(ALARMS, raised, strict=True) if is_on),
-        )
-
-    def _callbacks(self) -> fmi2CallbackFunctions:
-        """Those of fmpy, and a logger that keeps warnings and errors."""
-
-        def note(_: object, __: bytes, status: int, ___: bytes, message: bytes) -> None:
-            if status >= fmi2Warning:
-                self._messages.append(message.decode())
-
-        callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(note)
-        callbacks.allocateMemory = defaultCallbacks.allocateMemory
-        callbacks.freeMemory = defaultCallbacks.freeMemory
-        return callbacks
-
-    def close(self) -> None:
-        """End the instance and remove the unzipped FMU."""
-        try:
-            self._slave.freeInstance()
-        finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
-
-    def __enter__(self) -> Self:
-        """The running screen."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the instance, whatever happened."""
-        try:
-            if error is None:
-                self._slave.terminate()
-        finally:
-            self.close()
+        *streams, power, self.hold_up = self._slave.getReal(self._outputs)
+        rows = np.reshape(streams, (2, -1))  # rate and fractions of undersize, then of oversize
+        undersize, oversize = rows[:, :1] * rows[:, 1:]
+        raised = self._slave.getBoolean([*self._alarms.values()])
+        alarms = tuple(name for name, is_on in zip(self._alarms, raised, strict=True) if is_on)
+        return ScreenStep(undersize, oversize, power, alarms)

@@ -15,19 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher
 from components.mixer import mix
+from components.stream import Array
 from vibroscreen.errors import InputError
 from vibroscreen.stream import Feed
 from vibroscreen_fmu.port import Port
 from vibroscreen_fmu.row_slave import RowSlave
 
 __all__ = ["UNIT_FILE", "ConveyorSlave", "CrusherSlave", "MixerSlave", "Unit"]
-
-Array = NDArray[np.float64]
 
 UNIT_FILE = "unit.json"  # in the resources of the FMU
 

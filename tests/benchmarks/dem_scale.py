@@ -25,7 +25,7 @@ import numpy as np
 from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import median_seconds, seconds
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Material, Panel, Segregation
+from vibroscreen.sections import Bed, Deck, Displacement, Material, Panel, Segregation
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 

@@ -25,7 +25,7 @@ from rich.progress import Progress
 
 from tests.benchmarks.output import write_json
 from vibroscreen import ScreenConfig, solve_steady_many
-from vibroscreen.config import Solver
+from vibroscreen.sections import Solver
 
 
 def drawn(count: int) -> dict[str, np.ndarray]:

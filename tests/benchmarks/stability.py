@@ -39,8 +39,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -354,7 +354,7 @@ def put(screen: Screen, step: Step) -> None:
     """Write the inputs of a step."""
     inputs = screen.record("input")
     for name, value in (
-        ("feed_rate", step.feed),
+        ("feed_mass_flow_rate", step.feed),
         ("displacement_velocity", step.velocity),
         ("frequency", step.frequency),
     ):
@@ -365,11 +365,11 @@ def put(screen: Screen, step: Step) -> None:
 def from_reference(screen: Screen) -> float:
     """Difference of the steady recovery to that at a tolerance of 1e-8, in tolerances."""
     parameter = screen.record("parameter")
-    tolerance = float(parameter.tolerance)
+    tolerance = float(parameter.solver_tolerance)
     ours = screen.solve_steady().recovery
-    parameter.tolerance = REFERENCE
+    parameter.solver_tolerance = REFERENCE
     reference = screen.solve_steady().recovery
-    parameter.tolerance = tolerance
+    parameter.solver_tolerance = tolerance
     return float(np.abs(ours - reference).max() / tolerance)
 
 
@@ -410,7 +410,7 @@ def refusals() -> dict[str, str]:
     except InputError as error:
         said = f"refused: {error}"
     rigid = Screen(screen().replace(displacement=Displacement("rigid_body")))
-    rigid.record("input").throw_angle = 135.0 * DEG
+    rigid.record("input").motion_throw_angle = 135.0 * DEG
     rigid.advance(10.0)
     result = rigid.result()
     return {
@@ -480,7 +480,7 @@ class Soak:
         amplitude = held(rng.choice([0.0, 3e-3, 5e-3, 7e-3], count, p=[0.1, 0.3, 0.3, 0.3]), 0.1)
         inputs = np.tile(self.screen.view("input"), (count, 1))
         for name, drawn in (
-            ("feed_rate", feed),
+            ("feed_mass_flow_rate", feed),
             ("frequency", frequency),
             ("amplitude", amplitude),
         ):

@@ -50,20 +50,11 @@ from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import quarry_screen, refined
 from tests.fmu import native
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import (
-    QUARRY_EDGES,
-    Bed,
-    Deck,
-    Displacement,
-    Panel,
-    Passage,
-    Segregation,
-    Solver,
-    typical_fractions,
-)
+from vibroscreen.config import QUARRY_EDGES, typical_fractions
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, SOLVE, run
 from vibroscreen.screen import LEAST_CELLS, Inputs
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 
@@ -173,18 +164,18 @@ class Scene:
         return value * (1.0 + self.rng.uniform(-part, part))
 
     def new_frequency(self) -> None:
-        self.inputs.frequency = self.near(self.config.motion.frequency, 0.02)
+        self.inputs.motion_frequency = self.near(self.config.motion.frequency, 0.02)
 
     def new_feed(self) -> None:
         mix = self.duty * self.rng.uniform(0.8, 1.2, self.duty.size)
         self.fraction[:] = mix / mix.sum()
-        self.inputs.feed_rate = self.near(self.config.feed.mass_flow_rate, 0.2)
+        self.inputs.feed_mass_flow_rate = self.near(self.config.feed.mass_flow_rate, 0.2)
 
     def new_everything(self) -> None:
         self.new_feed()
         self.new_frequency()
-        self.inputs.amplitude = self.near(self.config.motion.amplitude, 0.02)
-        self.inputs.throw_angle = self.near(self.config.motion.throw_angle, 0.02)
+        self.inputs.motion_amplitude = self.near(self.config.motion.amplitude, 0.02)
+        self.inputs.motion_throw_angle = self.near(self.config.motion.throw_angle, 0.02)
         for name, value in (
             ("passage_velocity", self.config.passage.velocity),
             ("segregation_velocity", self.config.segregation.velocity),
@@ -274,12 +265,12 @@ class Solution:
         """Another feed in the last digits, so that nothing can be taken over."""
         self.calls += 1
         rate = self.config.feed.mass_flow_rate * (1.0 + 1e-13 * self.calls)
-        self.inputs.feed_rate = rate
+        self.inputs.feed_mass_flow_rate = rate
 
     def shake(self) -> None:
         """Another frequency in the last digits: the displacement is solved anew."""
         self.nudge()
-        self.inputs.frequency = self.config.motion.frequency * (1.0 + 1e-13 * self.calls)
+        self.inputs.motion_frequency = self.config.motion.frequency * (1.0 + 1e-13 * self.calls)
 
     def bare(self) -> None:
         """The engine alone, with inputs that lie in its buffer."""
@@ -410,7 +401,7 @@ def package_growth(effort: Effort, spare: bool) -> Row:
             solver=Solver(tolerance * (1.0 + 1e-9), 0 if spare else cells + 4),
         )
         scene = Scene(config)
-        scene.parameter.tolerance = default.solver.tolerance
+        scene.parameter.solver_tolerance = default.solver.tolerance
         scene.run_in(scene.new_frequency)
         packages.append(scene.counted(10, scene.new_frequency)["packages_integrated"])
         timed.append(Timed(scene.advance, scene.new_frequency))

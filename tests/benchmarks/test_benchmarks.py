@@ -23,8 +23,8 @@ from tests.benchmarks.baseline import (
 )
 from tests.kernels.numerics import exact
 from vibroscreen import Feed, Screen, ScreenConfig, register
-from vibroscreen.config import Segregation, Solver
 from vibroscreen.kernels import library, state
+from vibroscreen.sections import Segregation, Solver
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()

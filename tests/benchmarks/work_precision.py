@@ -53,8 +53,9 @@ from tests.benchmarks.baseline import (
 from tests.benchmarks.output import write_json
 from tests.kernels.numerics import exact
 from vibroscreen import Feed, Motion, Screen, ScreenConfig, register
-from vibroscreen.config import (
-    QUARRY_EDGES,
+from vibroscreen.config import QUARRY_EDGES, typical_fractions
+from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -63,9 +64,7 @@ from vibroscreen.config import (
     Passage,
     Segregation,
     Solver,
-    typical_fractions,
 )
-from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, START_SLICE, run
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM, T_H
 

@@ -18,7 +18,13 @@ from hypothesis import strategies as st
 
 from tests.places import SCREENS
 from vibroscreen import config as configuration
-from vibroscreen.config import (
+from vibroscreen.config import ScreenConfig, legal_keys, typical_fractions
+from vibroscreen.errors import ConfigError
+from vibroscreen.fields import from_si, to_si
+from vibroscreen.motion import Harmonic, Motion
+from vibroscreen.sections import (
+    DEFAULT_TABLE,
+    TABLE_COLUMNS,
     Bed,
     Deck,
     Displacement,
@@ -26,15 +32,9 @@ from vibroscreen.config import (
     Material,
     Panel,
     Passage,
-    ScreenConfig,
     Segregation,
     Solver,
-    legal_keys,
-    typical_fractions,
 )
-from vibroscreen.errors import ConfigError
-from vibroscreen.fields import from_si, to_si
-from vibroscreen.motion import Harmonic, Motion
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.units import DEG, GRAVITY, MM, T_H
@@ -428,8 +428,8 @@ def test_configuration_is_frozen_and_hashable() -> None:
 
 # --- velocity table ------------------------------------------------------------------------------
 def test_shipped_table_is_what_its_comment_says() -> None:
-    table = pd.read_csv(configuration.DEFAULT_TABLE, comment="#")
-    assert tuple(table.columns) == configuration.TABLE_COLUMNS
+    table = pd.read_csv(DEFAULT_TABLE, comment="#")
+    assert tuple(table.columns) == TABLE_COLUMNS
     expected = 0.25 * np.sqrt(GRAVITY * table.aperture_mm * MM)
     assert table.velocity_m_s.to_numpy() == pytest.approx(expected.to_numpy(), rel=5e-4)
     passage = ScreenConfig.loads(EDGES + '[passage]\nvelocity_table = "default"').passage
@@ -505,8 +505,7 @@ TOML_REFUSALS = {
     "sizes out of order": (
         "[size_classes]\nedges_mm = [0, 16, 8]",
         (
-            "size_classes.edges[3] = 0.008 m is not larger than edges[2] = 0.016 m: "
-            "list the limits in ascending order"
+            "size_classes.edges[3] = 0.008 m is not larger than the limit below it (0.016 m): list the limits in ascending order"
         ),
     ),
     "unknown table": (
@@ -545,8 +544,7 @@ TOML_REFUSALS = {
     "aperture 0": (
         EDGES + "[[deck]]\n[[deck.panel]]\naperture_mm = 0",
         (
-            "deck[1].panel[1].aperture = 0 m is not larger than 0 m: give a number above 0 m "
-            "(aperture_mm in a TOML file)"
+            "deck[1].panel[1].aperture = 0 m is out of range (above 0 to 100 m): give a number in this range (aperture_mm in a TOML file)"
         ),
     ),
     "aperture in the wrong unit": (
@@ -559,89 +557,75 @@ TOML_REFUSALS = {
     "NaN": (
         EDGES + "[[deck]]\n[[deck.panel]]\nopen_area = nan",
         (
-            "deck[1].panel[1].open_area = nan is not finite: give a number from 0 up to 1 "
-            "(open_area in a TOML file)"
+            "deck[1].panel[1].open_area = nan is not a finite number (0 to 1): give the open part of the deck's area"
         ),
     ),
     "infinite": (
         EDGES + "[drive]\nvibrating_mass_kg = inf",
         (
-            "drive.vibrating_mass = inf kg is not finite: give a number from 0 kg up to 1e+06 kg "
-            "(vibrating_mass_kg in a TOML file)"
+            "drive.vibrating_mass = inf kg is not a finite number (0 to 1e+06 kg): give a number in this range (vibrating_mass_kg in a TOML file)"
         ),
     ),
     "beyond the range of a double": (
         EDGES + f"[drive]\nvibrating_mass_kg = 1{'0' * 400}",
         (
-            "drive.vibrating_mass = inf kg is not finite: give a number from 0 kg up to 1e+06 kg "
-            "(vibrating_mass_kg in a TOML file)"
+            "drive.vibrating_mass = inf kg is not a finite number (0 to 1e+06 kg): give a number in this range (vibrating_mass_kg in a TOML file)"
         ),
     ),
     "bool for a number": (
         EDGES + "[material]\nfriction_deck = true",
-        (
-            "material.friction_deck = True is not a number: give a number from 0 up to 100 "
-            "(friction_deck in a TOML file)"
-        ),
+        ("material.friction_deck = True is not a number (0 to 100): give a friction coefficient"),
     ),
     "text for a number": (
         EDGES + '[bed]\ncontact_depth_mm = "20"',
         (
-            "bed.contact_depth = '20' is not a number: give a number from 1e-09 m up to 5 m "
-            "(contact_depth_mm in a TOML file)"
+            "bed.contact_depth = '20' is not a number (1e-09 to 5 m): give a number in this range (contact_depth_mm in a TOML file)"
         ),
     ),
     "fraction for a whole number": (
         EDGES + "[bed]\nlayers = 8.5",
         (
-            "bed.layers = 8.5 is not a whole number: give a whole number from 2 up to 10000 "
-            "(layers in a TOML file)"
+            "bed.layers = 8.5 is not a whole number (2 to 10000): give a whole number in this range (layers in a TOML file)"
         ),
     ),
     "one layer": (
         EDGES + "[bed]\nlayers = 1",
         (
-            "bed.layers = 1 is smaller than 2: give a whole number from 2 up to 10000 "
-            "(layers in a TOML file)"
+            "bed.layers = 1 is out of range (2 to 10000): give a whole number in this range (layers in a TOML file)"
         ),
     ),
     "negative velocity": (
         EDGES + "[displacement]\nvelocity_m_s = -0.2",
         (
-            "displacement.velocity = -0.2 m/s is smaller than 0 m/s: give a number from 0 m/s up to "
-            "20 m/s (velocity_m_s in a TOML file)"
+            "displacement.velocity = -0.2 m/s is out of range (0 to 20 m/s): give a velocity down the deck; it cannot convey upwards"
         ),
     ),
     "density in t/m3": (
         EDGES + "[material]\nbulk_density_kg_m3 = 1.6",
         (
-            "material.bulk_density = 1.6 kg/m3 is smaller than 10 kg/m3: were t/m3 meant? give "
-            "bulk_density_kg_m3 in kg/m3, 10 to 25000"
+            "material.bulk_density = 1.6 kg/m3 is out of range (10 to 25000 kg/m3): were t/m3 meant? give bulk_density_kg_m3 in kg/m3"
         ),
     ),
     "length in mm": (
         EDGES + "[[deck]]\nwidth_m = 2400",
-        "deck[1].width = 2400 m is larger than 100 m: were millimetres meant? give metres",
+        "deck[1].width = 2400 m is out of range (above 0 to 100 m): were millimetres meant? give metres",
     ),
     "vertical deck": (
         EDGES + "[[deck]]\n[[deck.panel]]\ninclination_deg = 90",
         (
-            "deck[1].panel[1].inclination = 1.5708 rad is not smaller than 1.5708 rad: were degrees "
-            "meant? give inclination_deg or radians"
+            "deck[1].panel[1].inclination = 1.5708 rad is out of range (above -1.5708 below 1.5708 rad): were degrees meant? give inclination_deg or radians"
         ),
     ),
     "efficiency 0": (
         EDGES + "[drive]\nefficiency = 0",
         (
-            "drive.efficiency = 0 is smaller than 0.01: give a number from 0.01 up to 1 "
-            "(efficiency in a TOML file)"
+            "drive.efficiency = 0 is out of range (0.01 to 1): give a number in this range (efficiency in a TOML file)"
         ),
     ),
     "tolerance": (
         EDGES + "[solver]\ntolerance = 1e-12",
         (
-            "solver.tolerance = 1e-12 is smaller than 1e-09: give a number from 1e-09 up to 0.1 "
-            "(tolerance in a TOML file)"
+            "solver.tolerance = 1e-12 is out of range (1e-09 to 0.1): give a number in this range (tolerance in a TOML file)"
         ),
     ),
     "too steep": (
@@ -655,8 +639,7 @@ TOML_REFUSALS = {
     "unequal decks": (
         EDGES + "[[deck]]\n[[deck]]\n[[deck.panel]]\nlength_m = 5.5",
         (
-            "deck[2] = 5.5 m of panels differs from deck[1] (6 m): decks of one box are equally "
-            "long, change the lengths of the panels"
+            "deck[2].panel[1].length: this deck is 5.5 m long, deck[1] is 6 m: decks of one box are equally long, change the lengths of the panels"
         ),
     ),
     "unknown displacement": (
@@ -716,7 +699,7 @@ TOML_REFUSALS = {
     ),
     "negative feed": (
         EDGES + "[feed]\nrate_t_h = -3.6",
-        "feed.mass_flow_rate = -1 kg/s is smaller than 0 kg/s: give a finite rate, 0 for no feed",
+        "feed.mass_flow_rate = -1 kg/s is out of range (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
     ),
     "sum of the fractions": (
         EDGES + "[feed]\nmass_fraction = [0.5, 0.2, 0.2]",
@@ -747,8 +730,7 @@ TOML_REFUSALS = {
     "aperture beyond the table": (
         EDGES + "[[deck]]\n[[deck.panel]]\n[passage]\nvelocity_table = [[1, 0.1], [10, 0.2]]",
         (
-            "deck[1].panel[1].aperture = 0.016 m is outside of passage.velocity_table (0.001 m to "
-            "0.01 m): add rows to the table or give passage.velocity"
+            "deck[1].panel[1].aperture = 0.016 m lies outside of passage.velocity_table, which ends at 0.01 m: add rows to the table or give passage.velocity"
         ),
     ),
     "velocity and table": (
@@ -772,8 +754,7 @@ TOML_REFUSALS = {
     "table with a negative velocity": (
         EDGES + "[passage]\nvelocity_table = [[10, 0.1], [20, -0.2]]",
         (
-            "passage.velocity_table[2].velocity = -0.2 m/s is smaller than 0 m/s: give a number from "
-            "0 m/s up to 100 m/s (velocity_m_s in a TOML file)"
+            "passage.velocity_table[2].velocity = -0.2 m/s is out of range (0 to 100 m/s): give a number in this range (velocity_m_s in a TOML file)"
         ),
     ),
 }
@@ -833,8 +814,7 @@ def test_error_of_a_file_notes_the_file(tmp_path: Path) -> None:
         (
             lambda: Panel(aperture=0.0),
             (
-                "deck.panel.aperture = 0 m is not larger than 0 m: give a number above 0 m "
-                "(aperture_mm in a TOML file)"
+                "deck.panel.aperture = 0 m is out of range (above 0 to 100 m): give a number in this range (aperture_mm in a TOML file)"
             ),
         ),
         (

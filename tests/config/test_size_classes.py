@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,14 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
+from vibroscreen.compiler.language import Row
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels.bed.classes import (
+    LEAST_PASSAGE,
+    LEAST_PERCOLATION,
     MOST_NODES,
+    build_nodes,
     cumulative_slopes,
     merge_classes,
     most_nodes,
@@ -23,6 +28,7 @@ from vibroscreen.kernels.bed.classes import (
     split_classes,
 )
 from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE, PROPORTIONAL, WELL_MIXED
+from vibroscreen.kernels.state import PARAMETER
 from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.units import MM
 
@@ -55,6 +61,42 @@ def cumulative(edges: Array, fraction: Array) -> PchipInterpolator:
     return PchipInterpolator(edges, np.concatenate([[0.0], np.cumsum(fraction)]))
 
 
+def nodes_of(
+    classes: SizeClasses,
+    apertures: Sequence[float],
+    tolerance: float,
+    segregation_model: int = EXCHANGE,
+    dilation: float = 0.0,
+    strength: tuple[float, float] = (0.0, 0.0),
+    percolation_velocity: float = 0.0,
+) -> Nodes:
+    """Nodes of all classes for the apertures [m], as the engine places them.
+
+    strength: K = rho_b u phi W L/Q0 of the openings and of the gaps (kernels/bed/classes.py).
+    """
+    setting = np.zeros(len(PARAMETER))
+    parameter = Row(setting, 0, PARAMETER)
+    parameter.size_classes_subdivision = classes.subdivision
+    parameter.solver_tolerance = tolerance
+    parameter.segregation_model = segregation_model
+    parameter.segregation_dilation = dilation
+    parameter.segregation_velocity = percolation_velocity
+    aperture = np.sort(np.array(apertures, dtype=float))
+    room = most_nodes(classes.count, aperture.size, float(classes.subdivision))
+    size, node_class, position, weight = np.empty((4, room))
+    count = build_nodes(
+        np.array(classes.edges),
+        aperture,
+        setting,
+        np.maximum(strength, (LEAST_PASSAGE, LEAST_PERCOLATION)),
+        size,
+        node_class,
+        position,
+        weight,
+    )
+    return Nodes(size[:count], node_class[:count].astype(np.intp), position[:count], weight[:count])
+
+
 @st.composite
 def analyses(draw: st.DrawFn) -> tuple[SizeClasses, Array, list[float]]:
     """Size classes, mass fractions with empty classes among them, apertures."""
@@ -76,7 +118,7 @@ def test_split_keeps_the_mass_of_every_class_and_is_never_negative(
     analysis: tuple[SizeClasses, Array, list[float]],
 ) -> None:
     classes, fraction, apertures = analysis
-    nodes = classes.nodes(apertures, TOLERANCE)
+    nodes = nodes_of(classes, apertures, TOLERANCE)
     node_fraction = split(classes, fraction, nodes)
     assert (node_fraction >= 0.0).all()
     assert merge(classes, node_fraction, nodes) == pytest.approx(fraction, rel=1e-14, abs=0.0)
@@ -89,7 +131,7 @@ def test_nodes_are_ascending_inside_their_class_and_weights_sum_to_one(
     analysis: tuple[SizeClasses, Array, list[float]],
 ) -> None:
     classes, _, apertures = analysis
-    nodes = classes.nodes(apertures, TOLERANCE)
+    nodes = nodes_of(classes, apertures, TOLERANCE)
     assert (np.diff(nodes.size) > 0.0).all()
     assert (nodes.size >= classes.lower[nodes.class_index]).all()
     assert (nodes.size <= classes.upper[nodes.class_index]).all()
@@ -116,7 +158,7 @@ def test_density_is_the_derivative_of_the_reference_interpolant() -> None:
     config = ScreenConfig.default()
     classes = SizeClasses(config.size_classes.edges, 5)
     fraction = np.array(config.feed.mass_fraction)
-    nodes = classes.nodes([APERTURE], TOLERANCE)
+    nodes = nodes_of(classes, [APERTURE], TOLERANCE)
     width = (classes.upper - classes.lower)[nodes.class_index]
     density = split(classes, fraction, nodes) / (nodes.weight * width)
     expected = cumulative(np.array(classes.edges), fraction).derivative()(nodes.size)
@@ -134,7 +176,7 @@ def test_class_without_density_at_its_nodes_is_spread_by_weight() -> None:
 
 def test_one_node_a_class_is_the_arithmetic_mean_with_all_of_its_mass() -> None:
     classes = SizeClasses((0.0, 2.0 * MM, 8.0 * MM, 63.0 * MM), subdivision=1)
-    nodes = classes.nodes([4.0 * MM], TOLERANCE)
+    nodes = nodes_of(classes, [4.0 * MM], TOLERANCE)
     fraction = np.array([0.2, 0.5, 0.3])
     assert nodes.size == pytest.approx(classes.mean, rel=1e-15)
     assert split(classes, fraction, nodes).tolist() == fraction.tolist()
@@ -142,7 +184,7 @@ def test_one_node_a_class_is_the_arithmetic_mean_with_all_of_its_mass() -> None:
 
 def test_classes_break_at_every_aperture_inside_them() -> None:
     classes = SizeClasses((0.0, 4.0 * MM, 20.0 * MM, 63.0 * MM), subdivision=3)
-    nodes = classes.nodes([8.0 * MM, 16.0 * MM, 8.0 * MM, 4.0 * MM], TOLERANCE)
+    nodes = nodes_of(classes, [8.0 * MM, 16.0 * MM, 8.0 * MM, 4.0 * MM], TOLERANCE)
     assert np.bincount(nodes.class_index).tolist() == [3, 9, 3]
     pieces = np.searchsorted([4.0 * MM, 8.0 * MM, 16.0 * MM, 20.0 * MM], nodes.size)
     assert np.bincount(pieces).tolist() == [3, 3, 3, 3, 3]
@@ -152,14 +194,14 @@ def test_engine_needs_no_more_than_mass_and_mean_where_nothing_passes() -> None:
     edges = np.array([0.0, 4.0, 20.0, 63.0]) * MM
     classes = SizeClasses(tuple(edges))
     for model, least in ((WELL_MIXED, 1), (CLASSIFIED, 1), (PROPORTIONAL, 1), (EXCHANGE, 2)):
-        nodes = classes.nodes([APERTURE], TOLERANCE, model, 1.0 * MM)
+        nodes = nodes_of(classes, [APERTURE], TOLERANCE, model, 1.0 * MM)
         assert (nodes.class_index == 2).sum() == least
         # the other side of an aperture has its own mass
         assert ((nodes.class_index == 1) & (nodes.size > APERTURE)).sum() == 2
     fraction = np.array([0.2, 0.5, 0.3])
     density = cumulative(edges, fraction).derivative()
     moment = quad(lambda d: d * float(density(d)), edges[2], edges[3])[0]
-    nodes = classes.nodes([APERTURE], TOLERANCE, EXCHANGE, 1.0 * MM)
+    nodes = nodes_of(classes, [APERTURE], TOLERANCE, EXCHANGE, 1.0 * MM)
     held = split(classes, fraction, nodes)
     coarse = nodes.class_index == 2
     assert (held * nodes.size)[coarse].sum() == pytest.approx(moment, rel=1e-12)
@@ -187,13 +229,13 @@ def test_nodes_fit_into_their_room(
     analysis: tuple[SizeClasses, Array, list[float]], model: int
 ) -> None:
     classes, _, apertures = analysis
-    nodes = classes.nodes(apertures, 1e-9, model)
+    nodes = nodes_of(classes, apertures, 1e-9, model)
     assert nodes.count <= most_nodes(classes.count, len(apertures), float(classes.subdivision))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 16, 100])
 def test_nodes_are_those_of_gauss_and_legendre(count: int) -> None:
-    nodes = SizeClasses((0.0, 2.0), count).nodes([2.0], TOLERANCE)
+    nodes = nodes_of(SizeClasses((0.0, 2.0), count), [2.0], TOLERANCE)
     abscissa, weight = np.polynomial.legendre.leggauss(count)
     assert nodes.size == pytest.approx(1.0 + abscissa, abs=1e-15)
     assert nodes.weight == pytest.approx(0.5 * weight, rel=1e-11)
@@ -203,7 +245,7 @@ def test_what_can_pass_keeps_its_mass_in_a_class_that_holds_the_aperture() -> No
     edges = np.array([0.0, 2.0, 4.0, 8.0, 20.0, 63.0]) * MM
     fraction = np.array([0.15, 0.10, 0.15, 0.40, 0.20])
     classes = SizeClasses(tuple(edges))
-    nodes = classes.nodes([APERTURE], TOLERANCE)
+    nodes = nodes_of(classes, [APERTURE], TOLERANCE)
     passing = split(classes, fraction, nodes)[nodes.size < APERTURE].sum()
     assert passing == pytest.approx(float(cumulative(edges, fraction)(APERTURE)), rel=1e-13)
 
@@ -264,7 +306,7 @@ def test_error_of_a_class_stays_below_the_tolerance(
     analysis: tuple[SizeClasses, Array], aperture: float, passage: float, tolerance: float
 ) -> None:
     classes, fraction = analysis
-    nodes = classes.nodes([aperture], tolerance, WELL_MIXED)
+    nodes = nodes_of(classes, [aperture], tolerance, WELL_MIXED)
     assert class_error(classes, fraction, aperture, passage, nodes) < tolerance
 
 
@@ -275,7 +317,7 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
 ) -> None:
     classes, fraction = analysis
     apertures = [aperture, 2.0 * aperture]
-    nodes = classes.nodes(apertures, TOLERANCE, WELL_MIXED)
+    nodes = nodes_of(classes, apertures, TOLERANCE, WELL_MIXED)
     for one in apertures:
         assert class_error(classes, fraction, one, passage, nodes) < TOLERANCE
 
@@ -286,15 +328,13 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
         (
             (0.0, 0.004, 0.002),
             (
-                "size_classes.edges[3] = 0.002 m is not larger than edges[2] = 0.004 m: "
-                "list the limits in ascending order"
+                "size_classes.edges[3] = 0.002 m is not larger than the limit below it (0.004 m): list the limits in ascending order"
             ),
         ),
         (
             (0.0, 0.0),
             (
-                "size_classes.edges[2] = 0 m is not larger than edges[1] = 0 m: "
-                "list the limits in ascending order"
+                "size_classes.edges[2] = 0 m is not larger than the limit below it (0 m): list the limits in ascending order"
             ),
         ),
         (
@@ -314,29 +354,25 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
         (
             (-0.001, 0.016),
             (
-                "size_classes.edges[1] = -0.001 m is smaller than 0 m: give a number from 0 m up to "
-                "10 m (edges_mm in a TOML file)"
+                "size_classes.edges[1] = -0.001 m is out of range (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
         (
             (0.0, 16.0),
             (
-                "size_classes.edges[2] = 16 m is larger than 10 m: were millimetres meant? "
-                "give edges_mm or metres"
+                "size_classes.edges[2] = 16 m is out of range (0 to 10 m): were millimetres meant? give edges_mm or metres"
             ),
         ),
         (
             (0.0, float("nan")),
             (
-                "size_classes.edges[2] = nan m is not finite: give a number from 0 m up to 10 m "
-                "(edges_mm in a TOML file)"
+                "size_classes.edges[2] = nan m is not a finite number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
         (
             (0.0, True),
             (
-                "size_classes.edges[2] = True is not a number: give a number from 0 m up to 10 m "
-                "(edges_mm in a TOML file)"
+                "size_classes.edges[2] = True is not a number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
     ],
@@ -353,15 +389,13 @@ def test_refusals_of_limits(edges: tuple[float, ...], message: str) -> None:
         (
             -1,
             (
-                "size_classes.subdivision = -1 is smaller than 0: give a whole number from 0 up to "
-                "100 (subdivision in a TOML file)"
+                "size_classes.subdivision = -1 is out of range (0 to 100): give a whole number in this range (subdivision in a TOML file)"
             ),
         ),
         (
             2.0,
             (
-                "size_classes.subdivision = 2.0 is not a whole number: give a whole number from 0 up "
-                "to 100 (subdivision in a TOML file)"
+                "size_classes.subdivision = 2.0 is not a whole number (0 to 100): give a whole number in this range (subdivision in a TOML file)"
             ),
         ),
     ],

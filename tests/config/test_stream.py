@@ -59,25 +59,25 @@ def test_feed_takes_arrays() -> None:
             math.nan,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = nan kg/s is not finite: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = nan kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             math.inf,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = inf kg/s is not finite: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = inf kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             -2.0,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = -2 kg/s is smaller than 0 kg/s: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = -2 kg/s is out of range (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             True,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = True is not a number: give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = True is not a number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             1.0,
@@ -95,7 +95,7 @@ def test_feed_takes_arrays() -> None:
             1.0,
             (0.5, math.nan),
             "feed.mass_fraction[2]",
-            "feed.mass_fraction[2] = nan is not finite: give a share of the mass",
+            "feed.mass_fraction[2] = nan is not a finite number: give a share of the mass",
         ),
         (
             1.0,

@@ -16,8 +16,9 @@ from pythonfmu.enums import Fmi2Status
 from components.conveyor import Conveyor
 from components.crusher import ConeCrusher, broadbent_callcott, passing_size
 from components.fmus import conveyor_model, crusher_model, mixer_model
-from components.mixer import composition, mix
+from components.mixer import mix
 from components.slaves import ConveyorSlave, CrusherSlave, MixerSlave, UnitSlave
+from components.stream import composition
 from tests.places import DATA
 from vibroscreen.units import KW, KWH_T, MM, T_H
 from vibroscreen_fmu.package import Model

@@ -18,18 +18,17 @@ from circuit_of_fmus import (
     ELEMENTS,
     FRESH_FEED,
     OVERSIZE,
+    SSP,
     STEP,
     STREAMS,
-    connections,
+    WIRES,
     run,
 )
 
 NANOSECONDS = 1_000_000_000
-CLASSES = 12
 # An iterating master solves every step anew: longer steps, and no delay that they add.
 LONG_STEP = 20.0
 CONTAINER = "closed_circuit_container"
-SSP = "closed_circuit.ssp"
 
 
 def fmpy_loop(folder: Path) -> float:
@@ -117,9 +116,9 @@ def pathsim(folder: Path) -> float:
     }
     wires = [
         Connection(units[source][output], units[target][given])
-        for source, output, target, given in connections(CLASSES)
+        for source, output, target, given in WIRES
     ]
-    wired = {(target, given) for _, _, target, given in connections(CLASSES)}
+    wired = {(target, given) for _, _, target, given in WIRES}
     constants = []
     for element, unit in units.items():
         for name, value in inputs(folder / f"{ELEMENTS[element]}.fmu").items():
@@ -138,7 +137,7 @@ def gemseo(folder: Path) -> float:
 
     outputs: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
     given: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
-    for source, output, target, name in connections(CLASSES):
+    for source, output, target, name in WIRES:
         outputs[source][output] = given[target][name] = f"{source}.{output}"
     units = [
         DoStepFMUDiscipline(
@@ -191,7 +190,7 @@ def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> floa
                 "source": {"id": source, "variable": output, "unit": "", "type": "fmu"},
                 "target": [{"id": target, "variable": given, "unit": "", "type": "fmu"}],
             }
-            for source, output, target, given in connections(CLASSES)
+            for source, output, target, given in WIRES
         ],
         "cosim_method": method,
         "iterative": iterative,

@@ -17,7 +17,7 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 import build_fmu
-from circuit_of_fmus import ELEMENTS, expected_load, main, write_circuit, write_ssp
+from circuit_of_fmus import ELEMENTS, expected_load, main, write_circuit
 from tests.fmu import masters
 from tests.places import ROOT
 from vibroscreen.config import ScreenConfig
@@ -36,7 +36,7 @@ def circuit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """Folder of the circuit's FMUs and its SSP, with the screen of a runtime."""
     folder = tmp_path_factory.mktemp("circuit")
     screen = build_fmu.build(ScreenConfig.default(), folder / "screen", request.param)
-    write_ssp(folder / masters.SSP, write_circuit(folder, screen))
+    write_circuit(folder, screen)
     return folder
 
 

@@ -171,7 +171,7 @@ def test_a_host_that_is_not_python(unzipped: Path, tmp_path: Path) -> None:
     assert all(line.startswith("3 logStatusError feed.mass_flow_rate = -1") for line in refused)
     screen = Screen(ScreenConfig.default())
     screen.advance(10.0)
-    screen.record("input").feed_rate = 80.0
+    screen.record("input").feed_mass_flow_rate = 80.0
     screen.advance(1.0)
     assert float(value) == screen.record("output").undersize_rate
 

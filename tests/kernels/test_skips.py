@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation
 
 DEFAULT = ScreenConfig.default()
 SHARE = DEFAULT.feed.mass_fraction
@@ -119,7 +119,7 @@ def test_cut_sizes_are_found_when_somebody_reads_them() -> None:
     lazy, eager = Screen(DEFAULT), Screen(DEFAULT)
     for k in range(5):
         for screen in (lazy, eager):
-            screen.record("input").frequency = 15.0 + 0.1 * k
+            screen.record("input").motion_frequency = 15.0 + 0.1 * k
             screen.advance(10.0)
         eager.result()
     assert lazy.counters()["partitions"] == 0

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.benchmarks import stability as bench
 from tests.benchmarks.stability import CLOSURE, EDGES, MODELS, Scene, Step, deck_of, screen
 from vibroscreen import InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Displacement
+from vibroscreen.sections import Bed, Displacement
 from vibroscreen.units import DEG
 
 # What a tolerance may be missed by where one step or one kink decides (a single class, a deck of

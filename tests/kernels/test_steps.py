@@ -20,7 +20,7 @@ from tests.kernels.numerics.test_exact_solutions import (
     scene,
 )
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.units import DEG
 
 DEFAULT = ScreenConfig.default()

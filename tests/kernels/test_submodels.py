@@ -9,8 +9,8 @@ import pytest
 from numba import njit
 
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register, registry
-from vibroscreen.config import Displacement, Passage, Segregation
 from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
+from vibroscreen.sections import Displacement, Passage, Segregation
 
 DEFAULT = ScreenConfig.default()
 PRESCRIBED = Displacement("prescribed", 0.3)

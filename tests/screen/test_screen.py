@@ -18,7 +18,8 @@ from vibroscreen import (
     ScreenConfig,
     performance,
 )
-from vibroscreen.config import (
+from vibroscreen.kernels import state
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -28,7 +29,6 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels import state
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -59,42 +59,66 @@ def put(field: str, name: str | int, value: float):
 
 
 REFUSALS = {
-    "feed nan": (put("input", "feed_rate", np.nan), "feed.mass_flow_rate", "is not a finite"),
-    "feed inf": (put("input", "feed_rate", np.inf), "feed.mass_flow_rate", "is not a finite"),
-    "feed negative": (
-        put("input", "feed_rate", -1.0),
+    "feed nan": (
+        put("input", "feed_mass_flow_rate", np.nan),
         "feed.mass_flow_rate",
-        r"= -1 kg/s is below the least that is possible, 0 kg/s: give a finite rate",
+        "is not a finite",
+    ),
+    "feed inf": (
+        put("input", "feed_mass_flow_rate", np.inf),
+        "feed.mass_flow_rate",
+        "is not a finite",
+    ),
+    "feed negative": (
+        put("input", "feed_mass_flow_rate", -1.0),
+        "feed.mass_flow_rate",
+        r"= -1 kg/s is out of range \(0 to 1e\+06 kg/s\): give a finite rate",
     ),
     "fraction nan": (put("fraction", 2, np.nan), "feed.mass_fraction[3]", "is not a finite number"),
     "fraction negative": (
         put("fraction", 0, -0.01),
         "feed.mass_fraction[1]",
-        "= -0.01 is below the least that is possible, 0: give mass fractions from 0 to 1",
+        r"= -0.01 is out of range \(0 to 1\): give a share of the mass",
     ),
-    "fraction above one": (put("fraction", 11, 1.1), "feed.mass_fraction[12]", "is above the most"),
+    "fraction above one": (put("fraction", 11, 1.1), "feed.mass_fraction[12]", "is out of range"),
     "sum": (put("fraction", 1, 0.9), "feed.mass_fraction", "sums to .*not to 1 within 0.001"),
     "frequency": (
-        put("input", "frequency", 930.0),
+        put("input", "motion_frequency", 930.0),
         "motion.frequency",
-        "= 930 Hz is above the most that is possible, 100 Hz: was 1/min meant",
+        r"= 930 Hz is out of range \(0 to 100 Hz\): was 1/min meant",
     ),
-    "frequency negative": (put("input", "frequency", -1.0), "motion.frequency", "is below"),
-    "amplitude": (put("input", "amplitude", 5.0), "motion.amplitude", "were millimetres meant"),
-    "throw angle": (put("input", "throw_angle", 45.0), "motion.throw_angle", "were degrees"),
-    "ellipticity": (put("input", "ellipticity", -1.5), "motion.ellipticity", "is below"),
+    "frequency negative": (
+        put("input", "motion_frequency", -1.0),
+        "motion.frequency",
+        "is out of range",
+    ),
+    "amplitude": (
+        put("input", "motion_amplitude", 5.0),
+        "motion.amplitude",
+        "were millimetres meant",
+    ),
+    "throw angle": (put("input", "motion_throw_angle", 45.0), "motion.throw_angle", "were degrees"),
+    "ellipticity": (
+        put("input", "motion_ellipticity", -1.5),
+        "motion.ellipticity",
+        "is out of range",
+    ),
     "velocity": (
         put("input", "displacement_velocity", -0.1),
         "displacement.velocity",
         "cannot convey upwards",
     ),
     "friction": (
-        put("parameter", "friction_deck", np.nan),
+        put("parameter", "material_friction_deck", np.nan),
         "material.friction_deck",
         "is not a finite",
     ),
-    "u": (put("parameter", "passage_velocity", -1.0), "passage.velocity", "is below"),
-    "w": (put("parameter", "segregation_velocity", -1.0), "segregation.velocity", "is below"),
+    "u": (put("parameter", "passage_velocity", -1.0), "passage.velocity", "is out of range"),
+    "w": (
+        put("parameter", "segregation_velocity", -1.0),
+        "segregation.velocity",
+        "is out of range",
+    ),
     "dilation": (
         put("parameter", "segregation_dilation", 20.0),
         "segregation.dilation",
@@ -103,9 +127,9 @@ REFUSALS = {
     "proportion": (
         put("parameter", "segregation_proportion", 2.0),
         "segregation.proportion",
-        "is above",
+        "is out of range",
     ),
-    "open area": (put("panel", "open_area", 55.0), "deck[1].panel[1].open_area", "is above"),
+    "open area": (put("panel", "open_area", 55.0), "deck[1].panel[1].open_area", "is out of range"),
     "inclination": (
         put("panel", "inclination", 5.0),
         "deck[1].panel[1].inclination",
@@ -114,7 +138,7 @@ REFUSALS = {
     "velocity factor": (
         put("panel", "velocity_factor", -1.0),
         "deck[1].panel[1].velocity_factor",
-        "is below",
+        "is out of range",
     ),
 }
 
@@ -142,11 +166,11 @@ def test_refused_step_names_the_variable_and_keeps_the_state(name: str, screen: 
 
 def test_the_first_offender_is_named(screen: Screen) -> None:
     screen.view("fraction")[[4, 7]] = -1.0
-    screen.record("input").amplitude = np.nan
+    screen.record("input").motion_amplitude = np.nan
     with pytest.raises(InputError) as caught:
         screen.advance(1.0)
     assert caught.value.variable == "motion.amplitude"
-    screen.record("input").amplitude = 0.005
+    screen.record("input").motion_amplitude = 0.005
     with pytest.raises(InputError) as caught:
         screen.advance(1.0)
     assert caught.value.variable == "feed.mass_fraction[5]"
@@ -230,13 +254,13 @@ def test_feed_of_another_number_of_classes(screen: Screen) -> None:
 
 
 def test_round_off_of_another_tool_is_taken(screen: Screen) -> None:
-    screen.record("input").feed_rate = -1e-12
+    screen.record("input").feed_mass_flow_rate = -1e-12
     screen.advance(1.0)
     assert screen.result().hold_up == 0.0
     fraction = screen.view("fraction")
     fraction[:] = 0.0
     fraction[0], fraction[1], fraction[2] = 1.0004, -1e-12, 0.0
-    screen.record("input").feed_rate = 10.0
+    screen.record("input").feed_mass_flow_rate = 10.0
     with pytest.raises(InputError, match=r"feed.mass_fraction\[1\]"):
         screen.advance(1.0)
     fraction[0] = 0.9995
@@ -246,7 +270,7 @@ def test_round_off_of_another_tool_is_taken(screen: Screen) -> None:
 
 
 def test_fractions_are_ignored_while_nothing_is_fed(screen: Screen) -> None:
-    screen.record("input").feed_rate = 0.0
+    screen.record("input").feed_mass_flow_rate = 0.0
     screen.view("fraction")[:] = np.nan
     screen.advance(1.0)
     assert screen.result().undersize.mass_fraction == pytest.approx(SHARE, rel=1e-12)
@@ -603,7 +627,7 @@ def test_initialise_starts_anew(screen: Screen) -> None:
 
 def test_refused_initialisation_keeps_the_state(screen: Screen) -> None:
     screen.step(5.0)
-    screen.record("input").feed_rate = np.nan
+    screen.record("input").feed_mass_flow_rate = np.nan
     before = whole_state(screen)
     with pytest.raises(InputError, match=r"feed\.mass_flow_rate = nan"):
         screen.initialise()

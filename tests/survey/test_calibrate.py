@@ -17,7 +17,7 @@ from tests.places import SCREENS
 from vibroscreen import ConfigError, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import Calibration, Fit, Parameter, Run, calibrate, fit
 from vibroscreen.cli import app
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.survey import read_survey
@@ -364,7 +364,7 @@ def test_numbers_by_name() -> None:
     for name in ("deck[9].panel[1].aperture", "passage.law", "nothing", "deck[1]", "bed.layers.x"):
         with pytest.raises(ConfigError, match="is not a number of this screen"):
             config.value_of(name)
-    with pytest.raises(ConfigError, match="open_area = 2 is larger than 1"):
+    with pytest.raises(ConfigError, match="open_area = 2 is out of range"):
         config.with_values({"deck[1].panel[1].open_area": 2.0})
 
 

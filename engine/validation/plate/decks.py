@@ -13,7 +13,7 @@ from plate.model import plate, with_panels
 from plate.simulations import APERTURE, DECK_LENGTH, DRIFTING, SEGMENT, bed_profile, read
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import Run
-from vibroscreen.config import Displacement
+from vibroscreen.sections import Displacement
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import DEG, MM

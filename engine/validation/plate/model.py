@@ -7,7 +7,7 @@ import dataclasses
 from bed_velocity import PERFORATED, ROLLING
 from plate.simulations import APERTURE, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
 from vibroscreen import Feed, Motion, ScreenConfig
-from vibroscreen.config import (
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,

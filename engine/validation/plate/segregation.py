@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plate.model import narrow, plate
 from plate.simulations import APERTURE, BULK_DENSITY, read
 from vibroscreen import Feed, Motion, Screen
-from vibroscreen.config import Deck, Displacement, Panel
+from vibroscreen.sections import Deck, Displacement, Panel
 from vibroscreen.units import DEG, MM
 
 Array = NDArray[np.float64]

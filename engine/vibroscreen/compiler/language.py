@@ -12,7 +12,7 @@ What stands below is the plain meaning of what the compiler makes by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,20 +83,23 @@ def own_model(family: str, *kinds: str | Record) -> Callable[..., Any]:
 
 # --- records -------------------------------------------------------------------------------------
 class Record(tuple[str, ...]):
-    """Names of numbers that lie side by side in a buffer; those in `whole` are whole numbers."""
+    """Names of numbers that lie side by side in a buffer, apart by spaces.
+
+    Those in `whole` are whole numbers.
+    """
 
     whole: frozenset[str]
     place: dict[str, int]
 
-    def __new__(cls, *names: str, whole: Iterable[str] = ()) -> Record:
-        made = super().__new__(cls, names)
-        made.whole = frozenset(whole)
-        made.place = {name: k for k, name in enumerate(names)}
+    def __new__(cls, *names: str, whole: str = "") -> Record:
+        made = super().__new__(cls, " ".join(names).split())
+        made.whole = frozenset(whole.split())
+        made.place = {name: k for k, name in enumerate(made)}
         assert made.whole <= made.place.keys(), f"{sorted(made.whole)} are not all in {names}"
         return made
 
     def __getnewargs_ex__(self) -> tuple[tuple[str, ...], dict[str, Any]]:
-        return tuple(self), {"whole": self.whole}
+        return tuple(self), {"whole": " ".join(sorted(self.whole))}
 
     def __repr__(self) -> str:
         return f"Record({', '.join(self)}; whole: {', '.join(sorted(self.whole))})"
@@ -108,17 +111,17 @@ class Record(tuple[str, ...]):
 
 
 class Places(tuple[str, ...]):
-    """Names that stand for whole numbers from `first` on: places in a row, read by name."""
+    """Names, apart by spaces, that stand for whole numbers from `first` on."""
 
     first: int
 
-    def __new__(cls, first: int, names: Iterable[str]) -> Places:
-        made = super().__new__(cls, names)
+    def __new__(cls, first: int, *names: str) -> Places:
+        made = super().__new__(cls, " ".join(names).split())
         made.first = first
         return made
 
-    def __getnewargs__(self) -> tuple[int, tuple[str, ...]]:
-        return self.first, tuple(self)
+    def __getnewargs__(self) -> tuple[int | str, ...]:
+        return self.first, *self
 
     def __getattr__(self, name: str) -> int:
         if name not in self:

@@ -71,12 +71,6 @@ def digest_of(texts: Mapping[str, bytes]) -> str:
     return _digest(*(piece for name in sorted(texts) for piece in (name.encode(), texts[name])))
 
 
-def stamp_note(texts: Mapping[str, bytes], found: tuple[str, str]) -> bytes:
-    """What lies beside source files that were compiled under the stamps `found`."""
-    own = {name: text for name, text in texts.items() if name not in NO_KERNELS}
-    return f"{digest_of(own)} {' '.join(found)}\n".encode()
-
-
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
@@ -176,7 +170,8 @@ class Library:
 
     module: as which Python runs what makes it (`make`); folder: of the kernels, and of libraries
     that came with them; layer: files of the C layer, those that there are; load: imports all
-    modules that have entries; c_sources: gives the C layer by file name, for a platform.
+    modules that have entries; c_sources: gives the C layer by file name, for a platform; records:
+    what the kernels' records are, which other sources than theirs say.
     """
 
     def __init__(
@@ -186,9 +181,10 @@ class Library:
         layer: tuple[Path, ...],
         load: Callable[[], None],
         c_sources: Callable[[str], dict[str, bytes]],
+        records: Callable[[], str],
     ) -> None:
         self.module, self.folder, self.layer = module, folder, layer
-        self.load, self.c_sources = load, c_sources
+        self.load, self.c_sources, self.records = load, c_sources, records
         self.stamps = functools.cache(self._stamps)
         self.engine = functools.cache(self._engine)
 
@@ -203,7 +199,7 @@ class Library:
         return [path for path in found if path.name not in NO_KERNELS]
 
     def _stamps(self) -> tuple[str, str]:
-        texts = {path.name: path.read_bytes() for path in self.sources()}
+        texts = self._watched({path.name: path.read_bytes() for path in self.sources()})
         bytes_of = digest_of(texts)
         # Parsing takes longer than all the rest of a start: what bytes say is remembered.
         note = cache_folder() / f"{bytes_of}.stamp"
@@ -220,8 +216,17 @@ class Library:
         made = {name: said.pop(name) for name in makers_of if name in said}
         found = digest_of(said), digest_of(made)
         with contextlib.suppress(OSError):
-            keep(note, stamp_note(texts, found))
+            keep(note, f"{bytes_of} {' '.join(found)}\n".encode())
         return found
+
+    def _watched(self, texts: Mapping[str, bytes]) -> dict[str, bytes]:
+        """What a stamp is of: source files by name, and the records."""
+        own = {name: text for name, text in texts.items() if name not in NO_KERNELS}
+        return {**own, "records": self.records().encode()}
+
+    def note(self, texts: Mapping[str, bytes]) -> bytes:
+        """What lies beside source files, by name, whose library comes with them."""
+        return f"{digest_of(self._watched(texts))} {' '.join(self.stamps())}\n".encode()
 
     def _engine(self) -> Compiled | Plain:
         chosen = os.environ.get("VIBROSCREEN_ENGINE", "")

@@ -1,10 +1,10 @@
 """The one door from Python and C into the kernels; one compiled function with all below it."""
 
-from vibroscreen.kernels import state, steady, step
+from vibroscreen.kernels import checks, outputs, state, steady, step
 from vibroscreen.kernels.library import entry
 
-INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH = range(5)
-FOLLOW, SOLVE, SOLVE_MANY, PLACE_NODES, READ = range(5, 10)
+INITIALISE, ADVANCE, START_SLICE, START_BELOW, LAY_BATCH, FOLLOW = range(6)
+SOLVE, SOLVE_MANY, PLACE_NODES, READ, CHECK = range(6, 11)
 
 
 @entry("int64(vector, int64, float64, float64)")
@@ -13,7 +13,7 @@ def run(buffer, command, first, second):
 
     INITIALISE; ADVANCE first = s; START_SLICE; START_BELOW first = deck; LAY_BATCH first = kg/m2,
     second = s to come; FOLLOW first = s, second = deck; SOLVE; SOLVE_MANY first = designs, second =
-    whether nodes change; PLACE_NODES; READ what is found only when it is read.
+    whether nodes change; PLACE_NODES; CHECK; READ what is found only when it is read.
     """
     if command == INITIALISE:
         return step.initialise(buffer)
@@ -21,12 +21,14 @@ def run(buffer, command, first, second):
         return step.advance(buffer, first)
     if command == START_SLICE:
         return steady.prepare_slice(buffer)
+    if command == CHECK:
+        return checks.check(buffer)
     if command == SOLVE:
         return steady.solve_steady(buffer)
     if command == SOLVE_MANY:
         steady.solve_many(buffer, int(first), second)
     elif command == READ:
-        step.read_partition(buffer)
+        outputs.read_partition(buffer)
     elif command == PLACE_NODES:
         steady.place_nodes(buffer)
     elif command == START_BELOW:

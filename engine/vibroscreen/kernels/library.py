@@ -8,11 +8,12 @@ makes that of a platform, this machine's if none is given.
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
-from vibroscreen.compiler.library import STAMP, SUFFIX, Library, cache_folder, host, stamp_note
+from vibroscreen.compiler.library import STAMP, SUFFIX, Library, cache_folder, host
 
-__all__ = ["STAMP", "SUFFIX", "cache_folder", "host", "stamp_note"]
+__all__ = ["STAMP", "SUFFIX", "cache_folder", "host"]
 
 FOLDER = Path(__file__).parent
 NATIVE = FOLDER.parent / "native"
@@ -26,11 +27,18 @@ def _load() -> None:
     import vibroscreen.kernels.plan  # noqa: F401
 
 
+def _records() -> str:
+    """The records of the buffer, whose numbers the sections of a configuration say."""
+    from vibroscreen.kernels import state
+
+    return repr(state.KINDS)
+
+
 def native_sources(target: str) -> dict[str, bytes]:
     """The C layer of FMUs, with its header for a platform."""
     from vibroscreen.compiler import machine
-    from vibroscreen.native import header
 
+    header = import_module("vibroscreen.native.header")  # which an FMU does not bring
     _load()
     files = {name: (NATIVE / name).read_bytes() for name in LAYER}
     text = machine.prototypes() + header.header("-".join(stamps()), SUFFIX[target])
@@ -40,11 +48,12 @@ def native_sources(target: str) -> dict[str, bytes]:
 def library_with(native: Path) -> Library:
     """The library of the kernels with the C layer of a folder."""
     layer = tuple(native / name for name in ("header.py", *LAYER))
-    return Library("vibroscreen.kernels.library", FOLDER, layer, _load, native_sources)
+    return Library("vibroscreen.kernels.library", FOLDER, layer, _load, native_sources, _records)
 
 
 KERNELS = library_with(NATIVE)
 entry, engine, stamps, sources = KERNELS.entry, KERNELS.engine, KERNELS.stamps, KERNELS.sources
+note = KERNELS.note
 library, library_name, at_hand = KERNELS.path_of, KERNELS.name_of, KERNELS.at_hand
 
 if __name__ == "__main__":

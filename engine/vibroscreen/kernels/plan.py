@@ -8,6 +8,7 @@ from math import ceil, sqrt
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import panel_count
+from vibroscreen.kernels.checks import APERTURE, check, refuse
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.steady import place_nodes
 
@@ -52,31 +53,51 @@ def between(at, value, x):
     return (value[k + 1] - value[k]) / (at[k + 1] - at[k]) * (x - at[k]) + value[k]
 
 
-@entry("void(vector, vector, vector)")
+@entry("int64(vector, vector, vector)")
 def plan(buffer, aperture, velocity):
     """Fill in what follows from parameters, feed and edges in a buffer with room for one slice.
 
     aperture and velocity: rows of the table of passage velocities, or none. Writes the number of
-    cells and of nodes, cells and passage factors of the panels, and the nodes.
+    cells and of nodes, cells and passage factors of the panels, and the nodes. Returns the code of
+    a refusal, or ACCEPTED.
     """
     parameter = state.parameters(buffer)
-    cells = cells_for(parameter.tolerance, LEAST_CELLS)
+    code = check(buffer)
+    if code == state.ACCEPTED and aperture.size > 0:
+        code = read_velocities(buffer, aperture, velocity)
+    if code != state.ACCEPTED:
+        return code
+    cells = cells_for(parameter.solver_tolerance, LEAST_CELLS)
     state.extent(buffer).cells = cells
-    if aperture.size > 0:
-        first = between(aperture, velocity, state.panel(buffer, 0, 0).aperture)
-        parameter.passage_velocity = first
     for deck in range(state.extent(buffer).decks):
-        share = state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)
-        factor = state.vector(buffer, state.AT.passage_factor, state.extent(buffer).panels, deck)
         panels = panel_count(buffer, deck)
+        share = state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)
         # The lengths lie apart from each other: in a row for a moment.
+        length = state.scalars(buffer, state.AT.apertures, panels)
         for k in range(panels):
-            panel = state.panel(buffer, deck, k)
-            factor[k] = panel.length
-        share_cells(factor[:panels], cells, share)
-        for k in range(panels):
-            factor[k] = 1.0
-            if aperture.size > 0 and first != 0.0:
-                panel = state.panel(buffer, deck, k)
-                factor[k] = between(aperture, velocity, panel.aperture) / first
+            length[k] = state.panel(buffer, deck, k).length
+        share_cells(length, cells, share)
     place_nodes(buffer)
+    return code
+
+
+@kernel
+def read_velocities(buffer, aperture, velocity):
+    """Passage velocity of the first panel, and of all panels over it, from a table."""
+    first = 0.0
+    for deck in range(state.extent(buffer).decks):
+        row = state.extent(buffer).panels
+        factor = state.vector(buffer, state.AT.passage_factor, row, deck)
+        for k in range(panel_count(buffer, deck)):
+            wanted = state.panel(buffer, deck, k).aperture
+            least, most = aperture[0], aperture[aperture.size - 1]
+            if not least <= wanted <= most:
+                place = int(buffer[state.AT.panel]) + (deck * row + k) * len(state.PANEL) + APERTURE
+                limit = least if wanted < least else most
+                return refuse(buffer, state.REFUSED.off_table, place, wanted, limit)
+            found = between(aperture, velocity, wanted)
+            if deck == 0 and k == 0:
+                first = found
+                state.parameters(buffer).passage_velocity = first
+            factor[k] = found / first if first != 0.0 else 1.0
+    return state.ACCEPTED

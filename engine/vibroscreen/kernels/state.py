@@ -9,7 +9,7 @@ the whole state of an instance: copying it copies the screen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import prod
 from typing import Any
@@ -18,118 +18,50 @@ import numpy as np
 
 from vibroscreen.compiler.fours import in_fours
 from vibroscreen.compiler.language import Places, Record, Row, kernel, record, view1, view2
+from vibroscreen.variables import INPUTS, PANELS, PARAMETERS, Variable
+
 
 # --- scalars of a vector field, in order -------------------------------------------------------
-PARAMETER = Record(
-    "bulk_density",
-    "friction_deck",
-    "friction_internal",
-    "rolling",
-    "passage_law",
-    "passage_velocity",
-    "passage_rim",
-    "passage_passing_time",
-    "passage_drift",
-    "passage_damping",
-    "passage_lift",
-    "passage_stirring",
-    "passage_calming",
-    "passage_depletion",
-    "passage_levelling",
-    "segregation_model",
-    "segregation_velocity",
-    "segregation_dilation",
-    "segregation_relative_dilation",
-    "segregation_mixing",
-    "segregation_proportion",
-    "displacement_model",
-    "contact_depth",
-    "layer_depth",
-    "initial",
-    "vibrating_mass",
-    "bearing_friction",
-    "bearing_diameter",
-    "drive_efficiency",
-    "tolerance",
-    "subdivision",
-    whole=("passage_law", "segregation_model", "displacement_model", "subdivision"),
-)
+def _record(row: Iterable[Variable]) -> Record:
+    row = tuple(row)
+    return Record(*(v.scalar for v in row), whole=" ".join(v.scalar for v in row if v.whole))
 
-PANEL = Record(
-    "length",
-    "inclination",
-    "aperture",
-    "open_area",
-    "velocity_factor",
-)
 
-INPUT = Record(
-    "feed_rate",
-    "frequency",
-    "amplitude",
-    "throw_angle",
-    "ellipticity",
-    "displacement_velocity",
-)
+# What a user says, from the fields of the configuration.
+PARAMETER, PANEL, INPUT = _record(PARAMETERS), _record(PANELS), _record(INPUTS)
 
 OUTPUT = Record(
-    "undersize_rate",
-    "oversize_rate",
-    "feed_mass",
-    "undersize_mass",
-    "oversize_mass",
-    "hold_up",
-    "depth_feed",
-    "depth_discharge",
-    "transport_velocity",
-    "throw_number",
-    "undersize_recovery",
-    "efficiency",
-    "cut_size",
-    "ecart_probable",
-    "drive_power",
-    "balance_error",
-    "alarm_bed_depth",
-    "alarm_capacity",
-    "alarm_transport",
+    "undersize_rate oversize_rate feed_mass undersize_mass oversize_mass hold_up depth_feed",
+    "depth_discharge transport_velocity throw_number undersize_recovery efficiency cut_size",
+    "ecart_probable drive_power balance_error alarm_bed_depth alarm_capacity alarm_transport",
     "alarm_performance",
 )
 
 # Outputs of every stream between two decks, and of the bed on every deck.
 INTERMEDIATE = Record(
-    "rate",
-    "mass",
+    "rate mass",
 )
 DECK_BED = Record(
-    "hold_up",
-    "depth_feed",
-    "depth_discharge",
-    "transport_velocity",
+    "hold_up depth_feed depth_discharge transport_velocity",
 )
 
+# Numbers of passage and segregation, which sub-models read under the name of their field; the two
+# velocities under the whole one.
+_LAWS = {
+    v.scalar if v.field == "velocity" else v.field: v
+    for v in PARAMETERS
+    if v.section in ("passage", "segregation") and not v.whole
+}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
     "density",
     "contact_load",
     "layer_load",
-    "passage_velocity",
-    "segregation_velocity",
-    "dilation",
-    "relative_dilation",
-    "mixing",
-    "proportion",
     "aperture",
     "open_area",
-    "rim",
-    "passing_time",
-    "drift",
-    "damping",
-    "lift",
-    "stirring",
-    "calming",
-    "depletion",
-    "levelling",
+    *(name for name, v in _LAWS.items() if v.section == "segregation"),
+    *(name for name, v in _LAWS.items() if v.section == "passage"),
     "loosening",
     "frequency",
     "amplitude",
@@ -145,50 +77,21 @@ SCENE = Record(
     "bed_load",
     "cover",
 )
+# Where they lie in a scene, and among the parameters.
+OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _LAWS.items())
 FIXED_SCENE = SCENE.index("layer_full")
 
 # Book-keeping of one deck.
 DECK = Record(
-    "packages",
-    "cells",
-    "cohort_on",
-    "cohort_front",
-    "cohort_fed",
-    "covered",
-    "leaders",
-    "lead_panel",
-    "knots",
-    "knot",
-    "pile_open",
-    "pile_rear",
-    "lead_layers",
-    "partial_layers",
-    "step",
-    "order",
-    "pace",
-    "wide",
-    "rows",
-    "first_pace",
-    "share",
-    "capacity_alarm",
-    whole=(
-        "packages",
-        "cells",
-        "leaders",
-        "lead_panel",
-        "knots",
-        "knot",
-        "lead_layers",
-        "partial_layers",
-        "order",
-        "rows",
-    ),
+    "packages cells cohort_on cohort_front cohort_fed covered leaders lead_panel knots knot",
+    "pile_open pile_rear lead_layers partial_layers step order pace wide rows first_pace",
+    "share capacity_alarm",
+    whole="packages cells leaders lead_panel knots knot lead_layers partial_layers order rows",
 )
 
 # What an instance remembers besides.
 MEMORY = Record(
-    "settled",
-    "unread",
+    "settled unread",
 )
 
 # A step of the column at hand: how long the whole lasts and what is left of it, and a step that is
@@ -197,80 +100,42 @@ MEMORY = Record(
 # the fastest rate, 1/s; length of the step, s, and the part of it that lies before a kink; its
 # scheme; the most layers so far; whether K1 holds the rates at NOW.
 STEP = Record(
-    "duration",
-    "left",
-    "shortest",
-    "growth",
-    "before",
-    "distance",
-    "kink",
-    "fastest",
-    "length",
-    "landed",
-    "scheme",
-    "most",
+    "duration left shortest growth before distance kink fastest length landed scheme most",
     "fresh",
-    whole=("scheme", "most", "fresh"),
+    whole="scheme most fresh",
 )
 
 # What was done and what was skipped.
 COUNTER = Record(
-    "steps",
-    "steady_steps",
-    "displacement_solutions",
-    "packages_integrated",
-    "packages_skipped",
-    "column_steps",
-    "column_steps_rejected",
-    "column_steps_forced",
-    "pair_steps",
-    "chain_steps",
-    "landings",
-    "rates",
-    "sub_steps",
-    "coarse_sizes_skipped",
-    "empty_sizes_skipped",
-    "used_up_sizes_skipped",
-    "merges",
-    "cohorts_followed",
-    "partitions",
+    "steps steady_steps displacement_solutions packages_integrated packages_skipped",
+    "column_steps column_steps_rejected column_steps_forced pair_steps chain_steps landings",
+    "rates sub_steps coarse_sizes_skipped empty_sizes_skipped used_up_sizes_skipped merges",
+    "cohorts_followed partitions",
 )
 
 # What may be left out, each with its counter; 1 = on (the default), 0 = off.
 SWITCH = Record(
-    "coarse_sizes",
-    "empty_sizes",
-    "used_up_sizes",
-    "explicit",
-    "idle_packages",
-    "shared_trajectory",
-    "closed_cohorts",
-    "steady_scene",
-    "displacement",
+    "coarse_sizes empty_sizes used_up_sizes explicit idle_packages shared_trajectory",
+    "closed_cohorts steady_scene displacement",
 )
 
 # Streams by class: rows of `class_mass`; OVER is the top deck's, the other decks' follow.
 # Cumulative masses are pairs (sum, compensation): rows 2 k and 2 k + 1 of `ledger`.
 FED, UNDER, OVER = 0, 1, 2
 
-# Why a step is refused.
+# Why a screen is refused, by texts of errors.py; 0 where it is not.
 ACCEPTED = 0
-NOT_FINITE, TOO_SMALL, TOO_LARGE, BAD_SUM, TOO_STEEP, NO_MODEL, NO_VELOCITY = 1, 2, 3, 4, 5, 6, 7
-NO_CONVEYING, NO_FEED = 8, 9  # of a steady solution
+REFUSED = Places(
+    1,
+    "not_finite too_small too_large bad_sum two_limits not_ascending no_choice short_deck",
+    "unequal_decks off_table too_steep no_velocity no_conveying no_feed",
+)
 REFUSAL = Record("code", "index", "value", "limit")
 
 # What a steady solution gives besides the class rates of its streams.
 FIGURE = Record(
-    "code",
-    "index",
-    "value",
-    "limit",
-    "transport_velocity",
-    "residence_time",
-    "hold_up",
-    "undersize_recovery",
-    "cut_size",
-    "ecart_probable",
+    "code index value limit transport_velocity residence_time hold_up undersize_recovery",
+    "cut_size ecart_probable",
 )
 
 MAX_ORDER = 8
@@ -297,6 +162,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
     },
     "constants": {
         "switch": (SWITCH,),
+        # least and most of every parameter and input, in their order
+        "limit": ("setting", 2),
         # 1: the composition inside a layer is linear, not even (`bed.reconstruction`)
         "reconstruction": (1,),
         # 1: u, and w, follow from the vibration (`passage.closure`, `segregation.closure`)
@@ -410,32 +277,13 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "upward": ("layers",),
     },
 }
-_DIMENSIONS = (
-    "classes",
-    "nodes",
-    "decks",
-    "panels",
-    "layers",
-    "packages",
-    "cells",
-    "layered",
-    "bed_layers",
-    "knots",
-    "falls",
-    "designs",
-    "recorded",
-    "recorded_from",
-    "parts",
-    "part",
-    "parts_from",
-    "active",
-    "source_terms",
-    "displacement_work",
-    "displacement_address",
-    "passage_address",
-    "segregation_address",
+# Sizes of what there is, where the computation stands, and addresses of a user's own models.
+_WHOLE = (
+    "classes nodes decks panels layers packages cells layered bed_layers knots falls designs",
+    "recorded parts part active source_terms displacement_work",
+    "displacement_address passage_address segregation_address",
 )
-DIMENSION = Record(*_DIMENSIONS, whole={*_DIMENSIONS} - {"recorded_from", "parts_from"})
+DIMENSION = Record(*_WHOLE, "recorded_from parts_from", whole=" ".join(_WHOLE))
 KINDS = {
     name: symbols[-1]
     for fields in SECTIONS.values()
@@ -540,7 +388,7 @@ class Layout:
 
 
 # Places in the header that hold the offsets of the fields.
-AT = Places(len(DIMENSION), FIELD)
+AT = Places(len(DIMENSION), *FIELD)
 
 
 @kernel

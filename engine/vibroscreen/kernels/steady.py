@@ -5,18 +5,19 @@ from the knots of the deck above (MODEL.md, "Steady state and batches").
 """
 
 from vibroscreen.compiler.language import kernel, numbers, record
-from vibroscreen.kernels import state, step
+from vibroscreen.kernels import changes, checks, outputs, state, step
 from vibroscreen.kernels.bed import classes, falls, front, travel
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.numerics.layers import bed_load, restack
 
-FEED_RATE, FREQUENCY = state.INPUT.index("feed_rate"), state.INPUT.index("frequency")
+FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
+FREQUENCY = state.INPUT.index("motion_frequency")
 
 
 @kernel
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
-    front.start_cohort(buffer, deck, max(0.0, state.inputs(buffer).feed_rate))
+    front.start_cohort(buffer, deck, max(0.0, state.inputs(buffer).feed_mass_flow_rate))
     vectors.fill(state.node_vector(buffer, state.AT.carry, deck), 0.0)
     vectors.fill(falls.fall_cohort(buffer, deck), 0.0)
     vectors.fill(falls.undersize(buffer, deck), 0.0)
@@ -47,9 +48,9 @@ def place_nodes(buffer):
             count += 1
         reach = max(reach, open_length)
         area = max(area, open_length * travel.deck_width(buffer, deck))
-    feed = state.inputs(buffer).feed_rate
+    feed = state.inputs(buffer).feed_mass_flow_rate
     classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
-    room = classes.most_nodes(extent.classes, panels, parameter.subdivision)
+    room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
     extent.nodes = classes.build_nodes(
         state.scalars(buffer, state.AT.edge, extent.classes + 1),
         apertures[:count],
@@ -65,7 +66,7 @@ def place_nodes(buffer):
 @kernel
 def prepare_slice(buffer):
     """Take the inputs in the buffer into use and start a slice on the top deck; ACCEPTED or not."""
-    code = step.prepare(buffer, False)
+    code = changes.prepare(buffer, False)
     if code == state.ACCEPTED:
         for deck in range(state.extent(buffer).decks):
             horizon = travel.residence_time(buffer, deck)
@@ -123,18 +124,20 @@ def solve_steady(buffer):
     what lies on every deck [kg], and the outputs are those of a steady step.
     """
     place = int(buffer[state.AT.input])
-    if state.inputs(buffer).feed_rate <= 0.0:
-        return step.refuse(buffer, state.NO_FEED, place + FEED_RATE, 0.0, 0.0)
+    if state.inputs(buffer).feed_mass_flow_rate <= 0.0:
+        return checks.refuse(buffer, state.REFUSED.no_feed, place + FEED_RATE, 0.0, 0.0)
     code = prepare_slice(buffer)
     if code != state.ACCEPTED:
         return code
     for deck in range(state.extent(buffer).decks):
         if not travel.conveys(buffer, deck):
-            frequency = state.inputs(buffer).frequency
-            return step.refuse(buffer, state.NO_CONVEYING, place + FREQUENCY, frequency, 0.0)
+            frequency = state.inputs(buffer).motion_frequency
+            return checks.refuse(
+                buffer, state.REFUSED.no_conveying, place + FREQUENCY, frequency, 0.0
+            )
     solve_decks(buffer)
     step.sum_streams(buffer, 1.0)
-    step.write_streams(buffer, 1.0)
+    outputs.write_streams(buffer, 1.0)
     write_class_recovery(buffer)
     return state.ACCEPTED
 
@@ -162,16 +165,18 @@ def solve_many(buffer, count, rebuild):
     setting = state.scalars(buffer, state.AT.parameter, size)
     harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
     streams, classes = state.OVER + state.extent(buffer).decks, state.extent(buffer).classes
-    seen = state.scalars(buffer, state.AT.last_seen, step.motion_part(buffer) + 1 + classes)
+    seen = state.scalars(buffer, state.AT.last_seen, changes.motion_part(buffer) + 1 + classes)
     row_size = len(state.FIGURE) + streams * classes
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
         other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
         vectors.copy(harmonic, other)
-        if rebuild > 0.0:
+        code = checks.check(buffer)
+        if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
-            seen[step.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
-        code = solve_steady(buffer)
+            seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
+        if code == state.ACCEPTED:
+            code = solve_steady(buffer)
         result = state.vector(buffer, state.AT.design_result, row_size, row)
         vectors.fill(result, 0.0)
         figure = record(result, 0, state.FIGURE)
@@ -188,7 +193,7 @@ def solve_many(buffer, count, rebuild):
 
 @kernel
 def write_figures(buffer, figure):
-    step.read_partition(buffer)
+    outputs.read_partition(buffer)
     output, scene = state.outputs(buffer), state.scene(buffer, state.AT.scene, 0, 0)
     decks = state.extent(buffer).decks
     figure.transport_velocity = scene.transport_velocity

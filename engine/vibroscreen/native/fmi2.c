@@ -64,7 +64,7 @@ typedef struct {
 
 /* What the braces of a text stand for. */
 typedef struct {
-    const char *name, *unit, *cure, *kind, *other;
+    const char *name, *unit, *range, *cure, *kind, *other;
     double value, limit, other_limit, number;
 } Told;
 
@@ -123,6 +123,7 @@ static double number_named(const char *key, size_t n, const Told *told) {
 
 static const char *text_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "name")) return told->name;
+    if (is(key, n, "range")) return told->range;
     if (is(key, n, "cure")) return told->cure;
     if (is(key, n, "kind")) return told->kind;
     return told->other;
@@ -142,8 +143,7 @@ static void tell(Message *message, const char *text, const Told *told) {
             add_text(message, told->name);
             add_text(message, " = ");
             add_with_unit(message, told->value, told->unit);
-        } else if (is(key, n, "bound")) add_with_unit(message, told->limit, told->unit);
-        else add_text(message, text_named(key, n, told));
+        } else add_text(message, text_named(key, n, told));
         text = key + strcspn(key, "}") + 1;
     }
 }
@@ -170,22 +170,26 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 }
 
 /* --- the engine ------------------------------------------------------------------------------- */
-/* Carry out a command; tells what the kernels refuse. */
-static fmi2Status run(const Screen *screen, Laid *laid, int command, double first) {
-    double *buffer = laid->buffer;
-    int64_t code = vibroscreen_run(buffer, laid->at.size, command, first, 0);
+/* Tell what the kernels refuse. */
+static fmi2Status judge(const Screen *screen, const Laid *laid, int64_t code) {
     if (code < 0 || code >= screen->sheet.codes)
         return refuse(screen, TEXT_FAILED, (Told) {.value = (double) code});
     if (code == ACCEPTED) return fmi2OK;
-    const double *refusal = buffer + (int64_t) buffer[AT_REFUSAL];
+    const double *buffer = laid->buffer, *refusal = buffer + (int64_t) buffer[AT_REFUSAL];
     int64_t place = (int64_t) refusal[1];
     const Variable *variable = screen->sheet.variable + (place - PARAMETERS);
-    double limit = refusal[3] < 0 && refusal[3] > -1e-6 ? 0.0 : refusal[3];
+    int text = screen->sheet.text_of_code[code];
     Told told = {
-        .name = word(screen, variable->name), .unit = word(screen, variable->unit), .cure = word(screen, variable->cure),
-        .value = refusal[2], .limit = limit, .number = buffer[place],
+        .name = word(screen, variable->name), .unit = word(screen, variable->unit),
+        .range = word(screen, variable->range), .value = refusal[2], .limit = refusal[3], .number = buffer[place],
+        .cure = word(screen, text == TEXT_TOO_LARGE ? variable->cure_of_large : variable->cure),
     };
-    return refuse(screen, screen->sheet.text_of_code[code], told);
+    return refuse(screen, text, told);
+}
+
+/* Carry out a command. */
+static fmi2Status run(const Screen *screen, const Laid *laid, int command, double first) {
+    return judge(screen, laid, vibroscreen_run(laid->buffer, laid->at.size, command, first, 0));
 }
 
 /* Outputs that are found only when they are read. */
@@ -193,77 +197,6 @@ static void read_outputs(Screen *screen) {
     const double *buffer = screen->laid.buffer;
     if (buffer[(int64_t) buffer[AT_MEMORY] + M_UNREAD] > 0)
         run(screen, &screen->laid, COMMAND_READ, 0);
-}
-
-static int breaks(int text, double value, double limit) {
-    if (text == TEXT_ENDLESS) return !isfinite(value);
-    if (text == TEXT_NOT_ABOVE) return value <= limit;
-    if (text == TEXT_BELOW) return value < limit;
-    return text == TEXT_NOT_BELOW ? value >= limit : value > limit;
-}
-
-static fmi2Status check_limits(const Screen *screen, const double *p, const double *header) {
-    const Sheet *sheet = &screen->sheet;
-    int64_t classes = (int64_t) sheet->dimension[D_CLASSES];
-    const double *lower = p + (int64_t) header[AT_LOWER] - PARAMETERS;
-    const double *upper = p + (int64_t) header[AT_UPPER] - PARAMETERS;
-    for (const Choice *c = sheet->choice; c < sheet->choice + sheet->choices; c++) {
-        double chosen = p[c->reference];
-        Told told = {.name = word(screen, c->name), .cure = word(screen, c->cure), .value = chosen};
-        if (!(chosen >= 1 && chosen <= c->most) && chosen != sheet->start[c->reference])
-            return refuse(screen, TEXT_NO_CHOICE, told);
-    }
-    for (int64_t i = 0; i + 1 < classes; i++)
-        if (upper[i] != lower[i + 1]) {
-            Told told = {.name = name_of(screen, upper + i - p), .value = upper[i], .limit = lower[i + 1]};
-            return refuse(screen, TEXT_TWO_LIMITS, told);
-        }
-    for (const Limit *l = sheet->limit; l < sheet->limit + sheet->limits; l++)
-        if (breaks(l->text, p[l->reference], l->limit)) {
-            Told told = {
-                .name = word(screen, l->name), .unit = word(screen, l->unit), .cure = word(screen, l->cure),
-                .value = p[l->reference], .limit = l->limit,
-            };
-            return refuse(screen, l->text, told);
-        }
-    for (int64_t i = 0; i < classes; i++)
-        if (upper[i] <= lower[i]) {
-            char name[40], other[40];
-            snprintf(name, sizeof name, "size_classes.edges[%d]", (int) i + 2);
-            snprintf(other, sizeof other, "edges[%d]", (int) i + 1);
-            Told told = {.name = name, .other = other, .value = upper[i], .limit = lower[i]};
-            return refuse(screen, TEXT_NOT_ASCENDING, told);
-        }
-    return fmi2OK;
-}
-
-static fmi2Status check_decks(const Screen *screen, const double *p, const double *header) {
-    const Sheet *sheet = &screen->sheet;
-    const double *panel = p + (int64_t) header[AT_PANEL] - PARAMETERS;
-    const double *count = sheet->start + (int64_t) header[AT_PANEL_COUNT] - PARAMETERS;
-    int64_t decks = (int64_t) sheet->dimension[D_DECKS], panels = (int64_t) sheet->dimension[D_PANELS];
-    double first = 0;
-    for (int64_t d = 0; d < decks; d++) {
-        const double *row = panel + d * panels * PANEL_SIZE;
-        double length = 0;
-        for (int64_t k = 0; k < (int64_t) count[d]; k++) length += row[k * PANEL_SIZE + PANEL_LENGTH];
-        for (int64_t k = 0; k < (int64_t) count[d]; k++) {
-            const double *aperture = row + k * PANEL_SIZE + PANEL_APERTURE;
-            Told told = {.name = name_of(screen, aperture - p), .value = *aperture, .limit = length};
-            if (*aperture > length) return refuse(screen, TEXT_SHORT_DECK, told);
-            if (!sheet->rows) continue;
-            told.limit = sheet->aperture[0], told.other_limit = sheet->aperture[sheet->rows - 1];
-            if (*aperture < told.limit || *aperture > told.other_limit)
-                return refuse(screen, TEXT_OFF_TABLE, told);
-        }
-        first = d == 0 ? length : first;
-        if (fabs(length - first) > 1e-9 * fmax(length, first)) {
-            char name[24];
-            snprintf(name, sizeof name, "deck[%d]", (int) d + 1);
-            return refuse(screen, TEXT_UNEQUAL_DECKS, (Told) {.name = name, .value = length, .limit = first});
-        }
-    }
-    return fmi2OK;
 }
 
 /* A zeroed buffer with room for the dimensions in its header, and for the parameters behind it. */
@@ -293,14 +226,13 @@ static fmi2Status plan_slice(const Screen *screen, const double *parameters, Lai
     memcpy(buffer + PARAMETERS, sheet->start, (size_t) sheet->starts * sizeof(double));
     for (int64_t k = 0; k < sheet->fixed; k++)
         buffer[PARAMETERS + sheet->fixed_one[k]] = parameters[sheet->fixed_one[k]];
-    if (check_limits(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
-    if (check_decks(screen, buffer + PARAMETERS, buffer) != fmi2OK) return fmi2Error;
     int64_t classes = (int64_t) sheet->dimension[D_CLASSES];
     double *edge = buffer + (int64_t) buffer[AT_EDGE];
     memcpy(edge, buffer + (int64_t) buffer[AT_LOWER], (size_t) classes * sizeof(double));
     edge[classes] = buffer[(int64_t) buffer[AT_UPPER] + classes - 1];
     double *aperture = (double *) sheet->aperture, *velocity = (double *) sheet->velocity;
-    vibroscreen_plan(buffer, slice->at.size, aperture, sheet->rows, velocity, sheet->rows);
+    int64_t code = vibroscreen_plan(buffer, slice->at.size, aperture, sheet->rows, velocity, sheet->rows);
+    if (judge(screen, slice, code) != fmi2OK) return fmi2Error;
     double cells = buffer[D_CELLS], room = sheet->figure[F_ROOM];
     if (room > 0 && room < cells + 4)
         return refuse(screen, TEXT_LITTLE_ROOM, (Told) {.value = room, .limit = cells, .other_limit = cells + 4});
@@ -477,8 +409,8 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean bounded, fmi2Real to
     if (!screen) return fmi2Error;
     screen->time = begin;
     if (!bounded) return fmi2OK;
-    double *own = screen->laid.buffer + PARAMETERS + P_TOLERANCE;
-    const char *name = name_of(screen, P_TOLERANCE);
+    double *own = screen->laid.buffer + PARAMETERS + P_SOLVER_TOLERANCE;
+    const char *name = name_of(screen, P_SOLVER_TOLERANCE);
     if (screen->running) return refuse(screen, TEXT_FIXED, (Told) {.name = name});
     double least = screen->sheet.figure[F_TOLERANCE_LEAST], most = screen->sheet.figure[F_TOLERANCE_MOST];
     if (tolerance >= least && tolerance <= most) {
@@ -499,7 +431,8 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     if (screen->running) return refuse(screen, TEXT_STARTED, (Told) {.value = 0});
     Laid *laid = &screen->laid, made = {.buffer = NULL};
     const double *parameters = laid->buffer + PARAMETERS;
-    fmi2Status status;
+    fmi2Status status = run(screen, laid, COMMAND_CHECK, 0);
+    if (status != fmi2OK) return status;
     if (same_fixed(&screen->sheet, parameters, laid->built_with)) status = lay_like(screen, laid, &made);
     else if ((status = lay(screen, parameters, &made)) == fmi2OK) {
         size_t inputs = (size_t) (laid->at.outputs - laid->at.inputs) * sizeof(double);

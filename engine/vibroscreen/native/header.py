@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vibroscreen.kernels import state
-from vibroscreen.kernels.entry import ADVANCE, INITIALISE, READ
+from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, READ
 from vibroscreen.kernels.physics.segregation import EXCHANGE
 from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
 
@@ -84,6 +84,7 @@ def header(engine: str, suffix: str) -> str:
         "COMMAND_INITIALISE": INITIALISE,
         "COMMAND_ADVANCE": ADVANCE,
         "COMMAND_READ": READ,
+        "COMMAND_CHECK": CHECK,
         "ACCEPTED": state.ACCEPTED,
         "SETTABLE": SETTABLE,
         "FIXED": FIXED,

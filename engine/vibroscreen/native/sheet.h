@@ -1,18 +1,8 @@
 /* What a screen adds to the engine: resources/screen.bin, which vibroscreen_fmu/native/tables.py
    writes. Behind a head lie parts one after the other, each as a count and so many items. */
 typedef struct {
-    int32_t name, unit, cure, kind; /* places in the words */
+    int32_t name, unit, range, cure, cure_of_large, kind; /* places in the words */
 } Variable;
-
-typedef struct {
-    int32_t reference, text;
-    double limit;
-    int32_t name, unit, cure, none;
-} Limit;
-
-typedef struct {
-    int32_t reference, most, name, cure;
-} Choice;
 
 typedef struct {
     char mark[8], engine[40];
@@ -21,12 +11,10 @@ typedef struct {
 
 typedef struct {
     const unsigned char *bytes, *at, *end;
-    int64_t figures, dimensions, values, rows, variables, limits, choices, fixed, tunable, codes, texts, owners, words;
+    int64_t figures, dimensions, values, rows, variables, fixed, tunable, codes, texts, owners, words;
     const double *figure, *dimension, *start, *aperture, *velocity;
     const unsigned char *flags, *text_of_code, *owner;
     const Variable *variable;
-    const Limit *limit;
-    const Choice *choice;
     const int32_t *fixed_one, *tunable_one, *text;
     const char *word, *guid, *model; /* the first two words are guid and name of the model */
     int64_t starts, velocities;
@@ -77,8 +65,6 @@ closed:
     sheet->velocity = part(sheet, sizeof(double), &sheet->velocities);
     sheet->flags = part(sheet, 1, &sheet->values);
     sheet->variable = part(sheet, sizeof(Variable), &sheet->variables);
-    sheet->limit = part(sheet, sizeof(Limit), &sheet->limits);
-    sheet->choice = part(sheet, sizeof(Choice), &sheet->choices);
     sheet->fixed_one = part(sheet, sizeof(int32_t), &sheet->fixed);
     sheet->tunable_one = part(sheet, sizeof(int32_t), &sheet->tunable);
     sheet->text_of_code = part(sheet, 1, &sheet->codes);

@@ -10,8 +10,8 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Displacement, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 
 EDGES = (0.0, 0.004, 0.008, 0.0125, 0.016, 0.022, 0.045)
@@ -69,13 +69,13 @@ def random_step(screen: Screen, rng: np.random.Generator) -> float:
         share[rng.integers(fraction.size)] += 0.1
         fraction[:] = share / share.sum()
     if rng.random() < 0.7:
-        inputs.feed_rate = rng.choice([0.0, 0.0, rng.uniform(0.0, 150.0), 600.0, 1e-9])
+        inputs.feed_mass_flow_rate = rng.choice([0.0, 0.0, rng.uniform(0.0, 150.0), 600.0, 1e-9])
     if rng.random() < 0.5:
-        inputs.frequency = rng.choice([0.0, 15.5, rng.uniform(5.0, 25.0)])
-        inputs.amplitude = rng.choice([0.0, 0.005, rng.uniform(0.001, 0.008)])
+        inputs.motion_frequency = rng.choice([0.0, 15.5, rng.uniform(5.0, 25.0)])
+        inputs.motion_amplitude = rng.choice([0.0, 0.005, rng.uniform(0.001, 0.008)])
         inputs.displacement_velocity = rng.choice([0.0, 0.3, rng.uniform(0.0, 1.0), 1e-7])
-        inputs.throw_angle = rng.choice([0.8, rng.uniform(0.4, 1.6)])
-        inputs.ellipticity = rng.choice([0.0, rng.uniform(-1.0, 1.0)])
+        inputs.motion_throw_angle = rng.choice([0.8, rng.uniform(0.4, 1.6)])
+        inputs.motion_ellipticity = rng.choice([0.0, rng.uniform(-1.0, 1.0)])
     return float(10.0 ** rng.uniform(np.log10(0.05), np.log10(400.0)))
 
 
@@ -86,7 +86,7 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
         dt = random_step(screen, rng)
         screen.advance(dt)
         check_signs(screen)
-        fed += screen.view("fraction") * screen.record("input").feed_rate * dt
+        fed += screen.view("fraction") * screen.record("input").feed_mass_flow_rate * dt
     check_closed(screen)
     assert screen.balance().fed.to_numpy() == pytest.approx(fed, rel=1e-9)
     empty(screen)
@@ -102,9 +102,9 @@ def random_run(screen: Screen, steps: int, seed: int) -> None:
 
 def empty(screen: Screen) -> None:
     inputs = screen.record("input")
-    inputs.feed_rate, inputs.frequency, inputs.amplitude = 0.0, 15.5, 0.005
+    inputs.feed_mass_flow_rate, inputs.motion_frequency, inputs.motion_amplitude = 0.0, 15.5, 0.005
     inputs.displacement_velocity = 0.3
-    inputs.throw_angle, inputs.ellipticity = 0.8, 0.0
+    inputs.motion_throw_angle, inputs.motion_ellipticity = 0.8, 0.0
     for dt in (7.0, 1000.0, 1000.0):
         screen.advance(dt)
 
@@ -146,7 +146,7 @@ def test_many_changes_in_small_steps() -> None:
     screen = small_screen(displacement=Displacement("prescribed", 0.2))
     inputs = screen.record("input")
     for k in range(3000):
-        inputs.feed_rate = 40.0 + k % 7
+        inputs.feed_mass_flow_rate = 40.0 + k % 7
         screen.advance(0.05)
     check_signs(screen)
     check_closed(screen)
@@ -172,7 +172,7 @@ def test_a_vibrating_deck_that_does_not_convey_runs_dry(model: str) -> None:
     )
     inputs = screen.record("input")
     screen.advance(5.0)
-    inputs.feed_rate = inputs.displacement_velocity = 0.0
+    inputs.feed_mass_flow_rate = inputs.displacement_velocity = 0.0
     for _ in range(3000):
         screen.advance(0.5)
     check_signs(screen)
@@ -193,7 +193,7 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
     screen.step(40.0, rates)
     before = screen.result()
     # the drive stops: nothing moves, nothing passes, the feed still falls
-    screen.record("input").frequency = 0.0
+    screen.record("input").motion_frequency = 0.0
     for _ in range(10):
         still = screen.step(3.0, rates)
         assert still.undersize.mass_flow_rate == still.oversize.mass_flow_rate == 0.0
@@ -201,7 +201,7 @@ def test_deck_that_stops_piles_up_and_carries_on(model: str) -> None:
     assert still.hold_up == pytest.approx(before.hold_up + 50.0 * 30.0, rel=1e-12)
     assert still.depth_feed > 10.0 * before.depth_feed
     # it starts again without feed: the pile rides down and leaves
-    screen.record("input").frequency = 15.5
+    screen.record("input").motion_frequency = 15.5
     velocity[0] = 0.3
     flow = [screen.step(1.0, Feed(0.0)) for _ in range(30)]
     check_closed(screen)
@@ -239,7 +239,7 @@ def test_steps_do_not_allocate() -> None:
     def run() -> None:
         inputs = screen.record("input")
         for k, dt in enumerate(steps):
-            inputs.feed_rate = 50.0 * (k % 3)
+            inputs.feed_mass_flow_rate = 50.0 * (k % 3)
             screen.advance(dt)
 
     run()

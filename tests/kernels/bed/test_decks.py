@@ -29,8 +29,8 @@ from tests.kernels.bed.test_conservation import (
 from tests.kernels.numerics.test_exact_solutions import MIXED, RHO, SIZE, scene
 from tests.places import SCREENS
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.kernels import state
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -326,7 +326,7 @@ def transient(config: ScreenConfig, dt: float) -> np.ndarray:
     plan = [(60.0, 0.3), (60.0, 0.3), (90.0, 0.3), (90.0, 0.45), (0.0, 0.45), (40.0, 0.2)]
     for rate, velocity in plan:
         inputs = screen.record("input")
-        inputs.feed_rate, inputs.displacement_velocity = rate, velocity
+        inputs.feed_mass_flow_rate, inputs.displacement_velocity = rate, velocity
         for _ in range(round(20.0 / dt)):
             screen.advance(dt)
         rows.append(products(screen) / screen.balance().fed.to_numpy())

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vibroscreen import ScreenConfig, solve_steady_many
-from vibroscreen.config import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 

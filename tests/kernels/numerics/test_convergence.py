@@ -12,7 +12,7 @@ from tests.kernels.numerics.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
 from vibroscreen.compiler.whole import compiled
-from vibroscreen.config import Bed, Displacement, ScreenConfig, Segregation, Solver
+from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import LAY_BATCH, START_SLICE, run
 from vibroscreen.kernels.numerics import (
@@ -26,6 +26,7 @@ from vibroscreen.kernels.numerics import (
     rates,
     step_control,
 )
+from vibroscreen.sections import Bed, Displacement, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0
@@ -179,12 +180,12 @@ def test_order_of_the_cells_along_the_deck(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(screen_module, "LEAST_CELLS", cells)
         screen = Screen(config)
         assert screen.layout.dimension["cells"] == cells
-        screen.record("parameter").tolerance = 1e-8
+        screen.record("parameter").solver_tolerance = 1e-8
         screen.switch(closed_cohorts=False)  # they average nothing
         inputs = screen.record("input")
         rows = []
         for k in range(20):
-            inputs.frequency = 15.5 + 0.8 * np.sin(1.3 * k)
+            inputs.motion_frequency = 15.5 + 0.8 * np.sin(1.3 * k)
             screen.advance(2.0)
             rows.append(screen.balance().undersize.to_numpy())
         return np.array(rows) / screen.balance().fed.to_numpy()

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from vibroscreen import Feed, Screen, ScreenConfig
-from vibroscreen.config import (
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -312,7 +312,7 @@ VARIATIONS = {
 def recovery_at(name: str, tolerance: float) -> np.ndarray:
     """With the same nodes at every tolerance: the error of the integration alone."""
     screen = Screen(dataclasses.replace(DEFAULT, **VARIATIONS[name]))
-    screen.record("parameter").tolerance = tolerance
+    screen.record("parameter").solver_tolerance = tolerance
     return screen.solve_steady().recovery
 
 
@@ -350,7 +350,9 @@ def test_engine_choice_of_nodes(classes: str, model: str, tolerance: float) -> N
             screen_classes, segregation=Segregation(model), solver=Solver(nodes_for)
         )
         screen = Screen(config)
-        screen.record("parameter").tolerance = 1e-8  # of the solver, after the nodes are chosen
+        screen.record(
+            "parameter"
+        ).solver_tolerance = 1e-8  # of the solver, after the nodes are chosen
         return screen.solve_steady().recovery
 
     error = abs(recovery(SizeClasses(edges), tolerance) - recovery(SizeClasses(edges, 32), 1e-8))

@@ -9,7 +9,7 @@ import pytest
 
 from tests.benchmarks import work_precision as bench
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register
-from vibroscreen.config import Bed, Segregation, Solver
+from vibroscreen.sections import Bed, Segregation, Solver
 
 LAYERS = (16, 32, 64)
 TOLERANCE = 1e-4

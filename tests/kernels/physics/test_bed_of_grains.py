@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import bed_velocity
 from vibroscreen import Screen, ScreenConfig
-from vibroscreen.config import Deck, Displacement, Material, Panel
 from vibroscreen.errors import InputError
 from vibroscreen.kernels.physics import bed_of_grains
 from vibroscreen.motion import ConveyingRegime, Motion, conveying_regime, transport_velocity
+from vibroscreen.sections import Deck, Displacement, Material, Panel
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, GRAVITY
 
@@ -135,7 +135,7 @@ def test_rolling_in_small_steps(name: str, rolling: float) -> None:
 
 
 def test_rolling_is_refused_where_nothing_would_grip() -> None:
-    with pytest.raises(InputError, match=r"rolling = 1 \(ratio\) is outside 0 to 0.95"):
+    with pytest.raises(InputError, match=r"rolling = 1 is out of range \(0 to 0.95\)"):
         conveying_regime(MOTIONS["linear"], 0.0, 0.5, "bed", rolling=1.0)
 
 

@@ -11,18 +11,18 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
-from vibroscreen.config import (
+from vibroscreen.config import Harmonic
+from vibroscreen.errors import ConfigError
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
-    Harmonic,
     Material,
     Panel,
     Passage,
     Segregation,
     Solver,
 )
-from vibroscreen.errors import ConfigError
 from vibroscreen.size_classes import SizeClasses
 
 GRAVITY = 9.81
@@ -405,7 +405,7 @@ def test_percolation_rises_with_the_stroke() -> None:
 
 
 def test_what_a_user_may_get_wrong() -> None:
-    with pytest.raises(ConfigError, match=r"passage.rim = 1.2 is larger than 1"):
+    with pytest.raises(ConfigError, match=r"passage.rim = 1.2 is out of range"):
         Passage("bounce", rim=1.2)
     with pytest.raises(ConfigError, match=r"passage.closure = 'throw' is unknown"):
         Passage("bounce", closure="throw")

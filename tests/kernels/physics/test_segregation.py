@@ -11,7 +11,12 @@ from scipy.optimize import brentq
 
 from vibroscreen import Feed, InputError, Screen, ScreenConfig, packing_gap
 from vibroscreen.compiler.language import Row
-from vibroscreen.config import (
+from vibroscreen.kernels import state
+from vibroscreen.kernels.physics.classified import classified
+from vibroscreen.kernels.physics.exchange import exchange
+from vibroscreen.kernels.physics.proportional import proportional
+from vibroscreen.kernels.physics.well_mixed import well_mixed
+from vibroscreen.sections import (
     Bed,
     Deck,
     Displacement,
@@ -21,11 +26,6 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
-from vibroscreen.kernels import state
-from vibroscreen.kernels.physics.classified import classified
-from vibroscreen.kernels.physics.exchange import exchange
-from vibroscreen.kernels.physics.proportional import proportional
-from vibroscreen.kernels.physics.well_mixed import well_mixed
 from vibroscreen.size_classes import SizeClasses
 
 # DESIGN.md, "Exact solutions", item 5: dr/R, r/R, phi. For dr/R = .05 it prints .07425, from an r

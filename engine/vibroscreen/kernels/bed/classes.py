@@ -107,7 +107,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     one that ends at the gap. Models of one's own are taken for smooth.
     """
     model = parameter.segregation_model
-    tolerance = parameter.tolerance
+    tolerance = parameter.solver_tolerance
     least, coefficient, power = 1, 0.0, 1.0
     scale = aperture
     if model == segregation.EXCHANGE:
@@ -142,11 +142,11 @@ def most_nodes(classes, apertures, subdivision):
 @kernel
 def _piece_count(low, high, whole, edge, aperture, parameter, strength):
     """Nodes on a piece of a class; `whole` where the piece is the class."""
-    if parameter.subdivision >= 1.0:
-        return parameter.subdivision
+    if parameter.size_classes_subdivision >= 1.0:
+        return parameter.size_classes_subdivision
     # One node cannot hold what a class has on either side of an aperture.
     nodes = 1 if whole else 2
-    tolerance = NODE_SHARE * parameter.tolerance
+    tolerance = NODE_SHARE * parameter.solver_tolerance
     for k in range(aperture.size):
         nodes = max(nodes, piece_nodes(low, high, aperture[k], strength[0], tolerance))
     largest = aperture[aperture.size - 1]
@@ -160,8 +160,8 @@ def set_strength(parameter, exposure, reach, strength):
     exposure = phi W L/Q0 [m2 s/kg] gives that of a deep bed, reach = phi L [m] that of one that has
     become thin: u phi L/(v h_c), at a velocity of THIN_VELOCITY. Writes strength[2].
     """
-    thin = reach / (THIN_VELOCITY * parameter.contact_depth)
-    tries = max(thin, parameter.bulk_density * exposure)
+    thin = reach / (THIN_VELOCITY * parameter.bed_contact_depth)
+    tries = max(thin, parameter.material_bulk_density * exposure)
     passage = tries * parameter.passage_velocity
     percolation = GAP_SHARE * tries * parameter.segregation_velocity
     strength[0] = min(MOST_STRENGTH, max(LEAST_PASSAGE, passage))
@@ -201,7 +201,7 @@ def build_nodes(edge, aperture, setting, strength, size, node_class, position, w
             if b < aperture.size:
                 # A piece of no width but round-off would have several nodes at one size.
                 inside = min(aperture[b] - low, high - aperture[b]) > 1e-9 * width
-                if not inside or parameter.subdivision == 1.0:
+                if not inside or parameter.size_classes_subdivision == 1.0:
                     continue
                 high = aperture[b]
             whole = high - low == width

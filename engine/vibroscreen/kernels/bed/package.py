@@ -237,7 +237,7 @@ def merge_likest(buffer, deck):
 @kernel
 def alike(buffer, deck, one, two):
     """Whether mixing two packages changes a recovery by less than the tolerance."""
-    return unlikeness(buffer, deck, one, two) ** 2 <= state.parameters(buffer).tolerance
+    return unlikeness(buffer, deck, one, two) ** 2 <= state.parameters(buffer).solver_tolerance
 
 
 # --- closed cohorts ------------------------------------------------------------------------------

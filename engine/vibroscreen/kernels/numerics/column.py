@@ -76,7 +76,7 @@ def gather(buffer, scene, load, reference, layers):
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
     terms = state.extent(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
-    least = USED_UP * state.parameters(buffer).tolerance
+    least = USED_UP * state.parameters(buffer).solver_tolerance
     coarse = first_coarse(buffer, scene, load, layers)
     for i in range(held.size):
         held[i] = load[0, i]

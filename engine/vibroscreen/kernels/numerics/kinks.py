@@ -27,7 +27,7 @@ def allowance(buffer, scene, book, h):
 
     A deck below has a smaller share of the tolerance, as the errors of all above it add to its own.
     """
-    tolerance = state.parameters(buffer).tolerance * book.share
+    tolerance = state.parameters(buffer).solver_tolerance * book.share
     horizon = scene.horizon
     return tolerance * (max(LEAST_SHARE, h / horizon) if horizon > 0.0 else LEAST_SHARE)
 
@@ -45,7 +45,7 @@ def time_to_pass(mass, rate, slope):
 def miss_of(buffer, layers, growth):
     """Part of a full layer by which a step may miss the moment of a kink."""
     if layers > 1 and growth < 0.0:
-        return max(LANDING, MISS * state.parameters(buffer).tolerance)
+        return max(LANDING, MISS * state.parameters(buffer).solver_tolerance)
     return LANDING
 
 

@@ -55,7 +55,7 @@ def has_kinks(buffer):
 @kernel
 def first_pair(buffer, book):
     """A first step of the pair, as a part of the longest that is stable."""
-    tolerance = state.parameters(buffer).tolerance * book.share
+    tolerance = state.parameters(buffer).solver_tolerance * book.share
     return min(MOST_FIRST, FIRST_PAIR * raised(1e3 * tolerance, 1.0 / 6.0))
 
 

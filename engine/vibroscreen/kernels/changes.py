@@ -1,0 +1,185 @@
+"""What changed since the last step: scenes and feed are brought up to date, and no more."""
+
+from vibroscreen.compiler.language import kernel, numbers, view2
+from vibroscreen.kernels import state
+from vibroscreen.kernels.bed.classes import split_classes
+from vibroscreen.kernels.bed.front import join_queue, start_cohort
+from vibroscreen.kernels.bed.package import part_cohorts
+from vibroscreen.kernels.bed.travel import panel_count
+from vibroscreen.kernels.checks import check, check_layers
+from vibroscreen.kernels.physics.passage import BOUNCE
+from vibroscreen.kernels.physics.segregation import CLASSIFIED
+from vibroscreen.kernels.scene import keep_scenes, prepare_scenes
+
+# Of the scene, what a law before `bounce` reads, and what the rates of any law of ours do.
+BEFORE_BOUNCE = state.SCENE.index("passage_velocity") + 1
+BEFORE_TRANSPORT = state.SCENE.index("dissipation")
+# What the displacement depends on besides the motion.
+OF_DISPLACEMENT = tuple(
+    state.PARAMETER.index(name)
+    for name in (
+        "material_friction_deck",
+        "material_friction_internal",
+        "material_rolling",
+        "displacement_model",
+    )
+)
+OF_PANEL_DISPLACEMENT = (state.PANEL.index("inclination"), state.PANEL.index("velocity_factor"))
+
+
+@kernel
+def look(buffer, seen):
+    """Copy all that may change between steps to `seen`: motion first, feed last."""
+    parameter = numbers(state.parameters(buffer))
+    inputs = numbers(state.inputs(buffer))
+    place = 0
+    for k in range(1, inputs.size):
+        seen[place] = inputs[k]
+        place += 1
+    for k in range(parameter.size):
+        seen[place] = parameter[k]
+        place += 1
+    for deck in range(state.extent(buffer).decks):
+        for number in range(state.extent(buffer).panels):
+            panel = numbers(state.panel(buffer, deck, number))
+            for k in range(panel.size):
+                seen[place] = panel[k]
+                place += 1
+    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
+    for k in range(state.MAX_HARMONICS):
+        for part in range(5):
+            seen[place] = harmonic[k, part]
+            place += 1
+    rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
+    seen[place] = rate
+    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    for k in range(fraction.size):
+        seen[place + 1 + k] = fraction[k] if rate > 0.0 else 0.0
+
+
+@kernel
+def differ(one, two, start, stop):
+    """Whether two vectors differ anywhere in start..stop."""
+    for k in range(start, stop):
+        if one[k] != two[k]:
+            return True
+    return False
+
+
+@kernel
+def motion_part(buffer):
+    """How many of the first numbers of `seen` are motion, parameters and panels."""
+    panels = state.extent(buffer).decks * state.extent(buffer).panels
+    return (
+        len(state.INPUT)
+        - 1
+        + len(state.PARAMETER)
+        + panels * len(state.PANEL)
+        + 5 * state.MAX_HARMONICS
+    )
+
+
+@kernel
+def prepare(buffer, fresh):
+    """Bring scenes and feed up to date with inputs and parameters; ACCEPTED or a refusal.
+
+    What changed is compared with what was seen last, so that the displacement is solved only when
+    motion, inclination or friction changed, and packages keep their shared trajectory otherwise.
+    """
+    code = check(buffer)
+    if code == state.ACCEPTED:
+        code = check_layers(buffer)
+    if code != state.ACCEPTED:
+        return code
+    size = motion_part(buffer) + 1 + state.extent(buffer).classes
+    now = state.scalars(buffer, state.AT.seen_now, size)
+    last = state.scalars(buffer, state.AT.last_seen, size)
+    switch = state.switches(buffer)
+    look(buffer, now)
+    moved = fresh or differ(now, last, 0, motion_part(buffer))
+    fed = fresh or differ(now, last, motion_part(buffer), size)
+    solve = switch.displacement == 0.0 or (moved and (fresh or displaced(buffer, now, last)))
+    if not (moved or fed or solve or switch.shared_trajectory == 0.0):
+        return state.ACCEPTED
+    if moved or solve:
+        code = prepare_scenes(buffer, solve)
+        if code != state.ACCEPTED:
+            return code
+    state.counters(buffer).displacement_solutions += 1.0 if solve else 0.0
+    if not (moved or fed or switch.shared_trajectory == 0.0):
+        return state.ACCEPTED
+    if fed and now[motion_part(buffer)] > 0.0:
+        spread_feed(buffer)
+    alike = not moved or same_rates(buffer, now, last)
+    for k in range(size):
+        last[k] = now[k]
+    state.memory(buffer).settled = 0.0
+    for deck in range(state.extent(buffer).decks):
+        join_queue(buffer, deck)
+        if not alike:
+            part_cohorts(buffer, deck)
+    if moved:
+        keep_scenes(buffer)
+    start_cohort(buffer, 0, now[motion_part(buffer)])
+    return state.ACCEPTED
+
+
+@kernel
+def same_rates(buffer, now, last):
+    """Whether nothing changed but how the bed is conveyed: a column goes on as it would have."""
+    inputs = len(state.INPUT) - 1
+    if differ(now, last, inputs, inputs + len(state.PARAMETER)):
+        return False
+    parameter = state.parameters(buffer)
+    law, model = parameter.passage_law, parameter.segregation_model
+    ends = BEFORE_BOUNCE if law < BOUNCE else BEFORE_TRANSPORT
+    if law > BOUNCE or model > CLASSIFIED:
+        ends = state.FIXED_SCENE
+    for deck in range(state.extent(buffer).decks):
+        for number in range(panel_count(buffer, deck)):
+            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
+            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            if differ(scene, used, 0, ends):
+                return False
+    return True
+
+
+@kernel
+def displaced(buffer, now, last):
+    """Whether anything changed that the displacement depends on."""
+    inputs = len(state.INPUT) - 1
+    if differ(now, last, 0, inputs):
+        return True
+    for k in OF_DISPLACEMENT:
+        if now[inputs + k] != last[inputs + k]:
+            return True
+    first = inputs + len(state.PARAMETER)
+    for number in range(state.extent(buffer).decks * state.extent(buffer).panels):
+        for k in OF_PANEL_DISPLACEMENT:
+            place = first + number * len(state.PANEL) + k
+            if now[place] != last[place]:
+                return True
+    end = motion_part(buffer)
+    return differ(now, last, end - 5 * state.MAX_HARMONICS, end)
+
+
+@kernel
+def spread_feed(buffer):
+    """Split the fed classes over the nodes inside them, normalised to one."""
+    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    spread = state.class_vector(buffer, state.AT.class_mass, 0)
+    total = 0.0
+    for k in range(fraction.size):
+        spread[k] = max(0.0, fraction[k])
+        total += spread[k]
+    for k in range(fraction.size):
+        spread[k] /= total
+    split_classes(
+        state.scalars(buffer, state.AT.edge, fraction.size + 1),
+        spread,
+        state.node_vector(buffer, state.AT.node_class, 0),
+        state.node_vector(buffer, state.AT.node_position, 0),
+        state.node_vector(buffer, state.AT.node_weight, 0),
+        state.scalars(buffer, state.AT.slope, fraction.size + 1),
+        state.node_vector(buffer, state.AT.feed_fraction, 0),
+    )

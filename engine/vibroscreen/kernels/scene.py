@@ -1,0 +1,228 @@
+"""What a panel offers to the sub-models: medium, vibration, velocity of its bed."""
+
+from math import isfinite
+
+from vibroscreen.compiler.language import kernel, numbers, view2
+from vibroscreen.kernels import state
+from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
+from vibroscreen.kernels.checks import BED, DISPLACEMENT_MODEL, refuse
+from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
+from vibroscreen.kernels.physics.closure import (
+    OF_PASSAGE,
+    OF_SEGREGATION,
+    passage_factor,
+    peak_normal_velocity,
+    percolation_factor,
+    throw_height,
+)
+from vibroscreen.kernels.physics.motion import call_displacement, compose_motion
+from vibroscreen.kernels.physics.prescribed import prescribed
+from vibroscreen.kernels.physics.rigid_body import rigid_body
+
+PRESCRIBED, RIGID_BODY = 1, 2
+# A throw below this velocity, m/s, renews nothing.
+SLOWEST_THROW = 1e-9
+FIRST_OF_MOTION = state.INPUT.index("motion_frequency")
+END_OF_MOTION = state.INPUT.index("motion_ellipticity") + 1
+INCLINATION = state.PANEL.index("inclination")
+
+
+@kernel
+def vibrates(buffer):
+    """Whether anything moves: a frequency, and an amplitude or a harmonic."""
+    inputs = state.inputs(buffer)
+    moved = abs(inputs.motion_amplitude)
+    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
+    for k in range(state.MAX_HARMONICS):
+        if harmonic[k, 0] > 0.0:
+            moved += abs(harmonic[k, 1]) + abs(harmonic[k, 3])
+    return inputs.motion_frequency > 0.0 and moved > 0.0
+
+
+@kernel
+def panel_motion(buffer, panel):
+    """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
+    inputs = state.inputs(buffer)
+    harmonic = view2(buffer, int(buffer[state.AT.motion_harmonic]), state.MAX_HARMONICS + 1, 5)
+    extra = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
+    rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
+    compose_motion(numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION], extra, rotation, harmonic)
+    return harmonic
+
+
+@kernel
+def solve_displacement(buffer, deck, number):
+    """Velocity of the bed on a panel and what goes with it, into displacement_result."""
+    parameter = state.parameters(buffer)
+    inputs = state.inputs(buffer)
+    panel = state.panel(buffer, deck, number)
+    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
+    work = state.scalars(buffer, state.AT.displacement_work, state.extent(buffer).displacement_work)
+    drive = state.scalars(buffer, state.AT.drive_setting, 5)
+    harmonic = panel_motion(buffer, panel)
+    drive[0], drive[1] = inputs.motion_frequency, panel.inclination
+    drive[2] = min(parameter.material_friction_deck, parameter.material_friction_internal)
+    drive[3] = inputs.displacement_velocity
+    drive[4] = parameter.material_rolling
+    model = parameter.displacement_model
+    if model == PRESCRIBED:
+        prescribed(harmonic, drive, result, work)
+    elif model == RIGID_BODY:
+        rigid_body(harmonic, drive, result, work)
+    elif model == BED:
+        bed_of_grains(harmonic, drive, result, work)
+    else:
+        call_displacement(state.extent(buffer).displacement_address, harmonic, drive, result, work)
+    result[0] *= panel.velocity_factor
+
+
+@kernel
+def set_transport(buffer, deck, number, scene):
+    """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
+    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
+    if not vibrates(buffer):
+        for k in range(result.size):
+            result[k] = 0.0
+    else:
+        solve_displacement(buffer, deck, number)
+    if result[6] == 1.0:
+        row = deck * state.extent(buffer).panels + number
+        place = int(buffer[state.AT.panel]) + row * len(state.PANEL) + INCLINATION
+        friction = state.scalars(buffer, state.AT.drive_setting, 5)[2]
+        return refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
+    if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
+        place = int(buffer[state.AT.parameter]) + DISPLACEMENT_MODEL
+        return refuse(buffer, state.REFUSED.no_velocity, place, result[0], 0.0)
+    scene.transport_velocity = max(0.0, result[0])
+    scene.dissipation = result[4]
+    scene.throw_number = result[5]
+    scene.transport_status = result[6]
+    return state.ACCEPTED
+
+
+@kernel
+def same_transport(buffer, deck, number):
+    """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
+    panel = state.panel(buffer, deck, number)
+    panels = state.extent(buffer).panels
+    for other in range(deck):
+        for k in range(panel_count(buffer, other)):
+            known = state.panel(buffer, other, k)
+            alike = known.velocity_factor == panel.velocity_factor
+            if alike and known.inclination == panel.inclination:
+                return other * panels + k
+    for k in range(number):
+        known = state.panel(buffer, deck, k)
+        alike = known.velocity_factor == panel.velocity_factor
+        if alike and known.inclination == panel.inclination:
+            return deck * panels + k
+    return -1
+
+
+@kernel
+def copy_transport(buffer, known, scene):
+    """Take the displacement of another panel into a scene."""
+    panels = state.extent(buffer).panels
+    other = state.scene(buffer, state.AT.scene_now, known // panels, known % panels)
+    scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
+    scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
+
+
+@kernel
+def stop_together(buffer, deck):
+    """A deck conveys on all of its panels or on none: one that does not stops the bed."""
+    panels = panel_count(buffer, deck)
+    slowest = 1e300
+    for number in range(panels):
+        scene = state.scene(buffer, state.AT.scene_now, deck, number)
+        slowest = min(slowest, scene.transport_velocity)
+    if slowest <= 0.0:
+        for number in range(panels):
+            state.scene(buffer, state.AT.scene_now, deck, number).transport_velocity = 0.0
+
+
+@kernel
+def close_scene(buffer, deck, number, scene):
+    """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
+    parameter = state.parameters(buffer)
+    closure = state.scalars(buffer, state.AT.closure, 2)
+    scene.loosening, scene.lift, scene.depletion = 1.0, 0.0, 0.0
+    thrown = parameter.passage_lift + parameter.passage_depletion
+    if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + thrown == 0.0:
+        return
+    panel = state.panel(buffer, deck, number)
+    harmonic = panel_motion(buffer, panel)
+    frequency = state.inputs(buffer).motion_frequency
+    scene.lift = parameter.passage_lift * throw_height(harmonic, frequency)
+    velocity = max(SLOWEST_THROW, peak_normal_velocity(harmonic, frequency))
+    scene.depletion = parameter.passage_depletion / (panel.aperture * velocity)
+    if closure[OF_PASSAGE] > 0.0:
+        scene.loosening = passage_factor(harmonic, frequency, panel.aperture)
+        scene.passage_velocity *= scene.loosening
+    if closure[OF_SEGREGATION] > 0.0:
+        loose = percolation_factor(harmonic, frequency, parameter.bed_contact_depth)
+        scene.segregation_velocity *= loose
+        scene.mixing *= loose
+
+
+@kernel
+def set_scene(buffer, deck, number, scene):
+    """What a panel offers to the sub-models; without vibration nothing passes or percolates."""
+    parameter = state.parameters(buffer)
+    inputs = state.inputs(buffer)
+    panel = state.panel(buffer, deck, number)
+    alive = 1.0 if vibrates(buffer) else 0.0
+    density = parameter.material_bulk_density
+    scene.density = density
+    scene.contact_load = density * parameter.bed_contact_depth
+    scene.layer_load = density * parameter.bed_layer_depth
+    offered, said = numbers(scene), numbers(parameter)
+    for to, come in state.OF_LAWS:
+        offered[to] = said[come]
+    panels = state.extent(buffer).panels
+    factor = state.vector(buffer, state.AT.passage_factor, panels, deck)[number]
+    scene.passage_velocity = alive * parameter.passage_velocity * factor
+    scene.segregation_velocity = alive * parameter.segregation_velocity
+    scene.mixing = alive * parameter.segregation_mixing
+    close_scene(buffer, deck, number, scene)
+    scene.aperture, scene.open_area = panel.aperture, panel.open_area
+    scene.frequency, scene.amplitude = inputs.motion_frequency, inputs.motion_amplitude
+    rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
+    scene.throw_angle = inputs.motion_throw_angle + rotation
+    scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
+    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck)
+
+
+@kernel
+def prepare_scenes(buffer, solve):
+    """New scenes into scene_now; the scenes in use stay as they are."""
+    for deck in range(state.extent(buffer).decks):
+        for number in range(panel_count(buffer, deck)):
+            scene = state.scene(buffer, state.AT.scene_now, deck, number)
+            now, used = numbers(scene), numbers(state.scene(buffer, state.AT.scene, deck, number))
+            for k in range(now.size):
+                now[k] = used[k]
+            if solve:
+                known = same_transport(buffer, deck, number)
+                if known >= 0:
+                    copy_transport(buffer, known, scene)
+                else:
+                    code = set_transport(buffer, deck, number, scene)
+                    if code != state.ACCEPTED:
+                        return code
+    for deck in range(state.extent(buffer).decks):
+        stop_together(buffer, deck)
+        for number in range(panel_count(buffer, deck)):
+            set_scene(buffer, deck, number, state.scene(buffer, state.AT.scene_now, deck, number))
+    return state.ACCEPTED
+
+
+@kernel
+def keep_scenes(buffer):
+    """Take the scenes in scene_now into use."""
+    for deck in range(state.extent(buffer).decks):
+        for number in range(panel_count(buffer, deck)):
+            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
+            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            for k in range(state.FIXED_SCENE):
+                used[k] = scene[k]

@@ -1,0 +1,623 @@
+"""The parts of a screen, a section of the TOML file each: every number with all that is said of it.
+
+A field gives default, TOML key, unit, limits, meaning and cure; buffer, checks, messages and FMU
+variables follow from it (`variables.py`). Its place among the fields is that in the buffer.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibroscreen import registry
+from vibroscreen.errors import ConfigError, told
+from vibroscreen.fields import (
+    Choice,
+    Entry,
+    Number,
+    Sections,
+    as_tuple,
+    check_fields,
+    from_si,
+    number,
+    said,
+    to_si,
+)
+from vibroscreen.units import DEG, MM
+
+__all__ = [
+    "Bed",
+    "Deck",
+    "Displacement",
+    "Drive",
+    "Material",
+    "Panel",
+    "Passage",
+    "Segregation",
+    "Solver",
+]
+
+DEFAULT_TABLE = Path(__file__).with_name("passage_velocity.csv")
+TABLE_COLUMNS = ("aperture_mm", "velocity_m_s")
+# Whether u and w follow from the vibration; their place here is what the buffer holds.
+CLOSURES = ("none", "vibration")
+# Composition inside a layer; their place here is what the buffer holds.
+RECONSTRUCTIONS = ("none", "linear")
+BOUNCE = ", used by the passage law bounce"
+
+
+class _VelocityTable(Entry):
+    """Velocity through the openings [m/s] over the aperture [m]; None for a constant velocity."""
+
+    key = "velocity_table"
+
+    def read(self, name: str, raw: Any, folder: Path) -> Any:
+        if isinstance(raw, str):
+            raw = _table_of_file(name, DEFAULT_TABLE if raw == "default" else folder / raw)
+        if not isinstance(raw, list):
+            return raw
+        rows = [as_tuple(row) for row in raw]
+        return tuple((to_si(row[0], MM), *row[1:]) if row else row for row in rows)
+
+    def check(self, name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
+        if value is None:
+            return None
+        rows = [as_tuple(row) for row in as_tuple(value) or ()]
+        pairs = [row for row in rows if row is not None and len(row) == 2]
+        if len(rows) < 2 or len(pairs) < len(rows):
+            raise ConfigError(
+                f"{name} = {value!r} is not a table of two or more rows (aperture, velocity): "
+                'give a CSV file with the columns aperture_mm, velocity_m_s, or "default"'
+            )
+        size = Number("aperture_mm", "m", MM, above=0.0)
+        speed = Number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)
+        table = tuple(
+            (size.check(f"{name}[{i}].aperture", a), speed.check(f"{name}[{i}].velocity", u))
+            for i, (a, u) in enumerate(pairs, start=1)
+        )
+        for i in range(1, len(table)):
+            if table[i][0] <= table[i - 1][0]:
+                raise ConfigError(
+                    f"{name}[{i + 1}].aperture = {size.text(table[i][0])} is not larger than the "
+                    f"one before, {size.text(table[i - 1][0])}: sort the rows by aperture"
+                )
+        return table
+
+    def write(self, value: Any) -> Any:
+        return None if value is None else [[from_si(a, MM), u] for a, u in value]
+
+
+def _table_of_file(name: str, path: Path) -> list[list[float]]:
+    """Rows (aperture mm, velocity m/s) of a CSV file with a header; lines from # on are comment."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise ConfigError(
+            f"{name} = {path} cannot be read ({error.strerror}): give a file relative to the "
+            'TOML file, or "default"'
+        ) from None
+    rows = csv.DictReader(line for line in lines if line and not line.startswith("#"))
+    if tuple(rows.fieldnames or ()) != TABLE_COLUMNS:
+        raise ConfigError(
+            f"{name} = {path} has the columns {', '.join(rows.fieldnames or ())}: "
+            f"name them {', '.join(TABLE_COLUMNS)}"
+        )
+    try:
+        return [[float(row[column]) for column in TABLE_COLUMNS] for row in rows]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{name} = {path}, line {rows.line_num} after the comments: {error}: "
+            "give a number in every column"
+        ) from None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One stretch of a deck with one screening medium.
+
+    length [m]; inclination [rad], down-slope positive; aperture: clear opening [m]; open_area:
+    useful open area fraction [1], 0 for a blank plate; velocity_factor: on the velocity of
+    the bed that the displacement model gives [1].
+    """
+
+    length: float = number(
+        6.0, "length_m", "m", above=0.0, at_most=100.0, tells="Length of the panel along the deck"
+    )
+    inclination: float = number(
+        5.0 * DEG,
+        "inclination_deg",
+        "rad",
+        DEG,
+        above=-0.5 * math.pi,
+        below=0.5 * math.pi,
+        variability="tunable",
+        tells="Inclination of the panel, positive down to the discharge",
+    )
+    aperture: float = number(
+        16.0 * MM,
+        "aperture_mm",
+        "m",
+        MM,
+        above=0.0,
+        at_most=100.0,
+        tells="Clear opening of the screening medium",
+    )
+    open_area: float = number(
+        0.55,
+        "open_area",
+        at_least=0.0,
+        at_most=1.0,
+        variability="tunable",
+        tells="Useful openings over the area of the panel; less when they blind",
+        cure="give the open part of the deck's area",
+    )
+    velocity_factor: float = number(
+        1.0,
+        "velocity_factor",
+        at_least=0.0,
+        at_most=10.0,
+        variability="tunable",
+        tells="Factor on the velocity of the bed that the displacement model gives",
+        cure="give a factor that is not negative",
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "deck.panel")
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A row of panels, feed end first, of one width [m]."""
+
+    width: float = number(2.4, "width_m", "m", above=0.0, at_most=100.0, tells="Width of the deck")
+    panels: tuple[Panel, ...] = said((Panel(),), Sections("panel", Panel))
+
+    def __post_init__(self) -> None:
+        check_fields(self, "deck")
+        for place, panel in enumerate(self.panels, start=1):
+            if panel.aperture > self.length:
+                name = f"deck.panel[{place}].aperture"
+                raise ConfigError(
+                    told("short_deck", name=name, value=panel.aperture, limit=self.length)
+                )
+
+    @property
+    def length(self) -> float:
+        """Total length of the panels [m]."""
+        return math.fsum(panel.length for panel in self.panels)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Bulk density [kg/m3] and friction coefficients [1] on the deck and inside the bed."""
+
+    bulk_density: float = number(
+        1600.0,
+        "bulk_density_kg_m3",
+        "kg/m3",
+        at_least=10.0,
+        at_most=25000.0,
+        tells="Mass of the bed over the volume it fills",
+        cure="were t/m3 meant? give bulk_density_kg_m3 in kg/m3",
+    )
+    friction_deck: float = number(
+        0.5,
+        "friction_deck",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells="Friction coefficient between bed and deck",
+        cure="give a friction coefficient",
+    )
+    friction_internal: float = number(
+        0.6,
+        "friction_internal",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells="Friction coefficient inside the bed",
+        cure="give a friction coefficient",
+    )
+    rolling: float = number(
+        0.0,
+        "rolling",
+        at_least=0.0,
+        at_most=0.95,
+        variability="tunable",
+        tells="Share of the deck's grip that rolling grains take, used by the displacement model "
+        "bed",
+        cure="0 is for grains that do not roll",
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "material")
+
+    @property
+    def friction_base(self) -> float:
+        """Friction where the bed slips, the weakest: the smaller of the two [1]."""
+        return min(self.friction_deck, self.friction_internal)
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Model of the transport along the deck; velocity [m/s] is what `prescribed` takes."""
+
+    model: str = said(
+        "rigid_body",
+        Choice(
+            "model",
+            lambda: registry.names("displacement"),
+            tells="How the velocity of the bed along the deck is found",
+            meanings=(
+                "the bed moves at displacement.velocity",
+                "the bed moves as a rigid body on the vibrating deck",
+                "the bed moves as grains that land softly and slip by speed",
+            ),
+        ),
+    )
+    velocity: float = number(
+        0.0,
+        "velocity_m_s",
+        "m/s",
+        at_least=0.0,
+        at_most=20.0,
+        variability="continuous",
+        tells="Velocity of the bed along the deck, used by the displacement model prescribed",
+        cure="give a velocity down the deck; it cannot convey upwards",
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "displacement")
+
+
+@dataclass(frozen=True)
+class Passage:
+    """Law of passage and velocity of grains through the openings [m/s].
+
+    velocity: a constant; velocity_table: rows (aperture m, velocity m/s) instead of it,
+    interpolated linearly. Give one of them. closure: "none", or "vibration" for a velocity that
+    follows from the vibration; `velocity` is then that of a loose bed (MODEL.md, "Closures in the
+    vibration"). Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass (Gaudin), 1
+    where the rim guides all grains in whose centre is over the opening; passing_time for which a
+    grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
+    to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
+    bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
+    a bed that rides on at sqrt(g aperture) holds and crowds its grains less; calming, by how much
+    less a bed as deep as the contact layer is thrown; depletion, how short a bed as deep as the
+    aperture runs of passing grains at the deck where they pass as fast as it is thrown; levelling,
+    by how much less a bed as deep as the contact layer damps.
+    """
+
+    law: str = said(
+        "pelevin",
+        Choice(
+            "law",
+            lambda: registry.names("passage"),
+            tells="How the chance of a grain to pass follows from its size",
+            meanings=(
+                "every grain tries an opening alone",
+                "a fine grain may pass together with another one",
+                "grains bounce, are guided by the rim and crowd in the openings",
+            ),
+        ),
+    )
+    velocity: float = number(
+        0.1,
+        "velocity_m_s",
+        "m/s",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells="Velocity at which grains fall through the openings; scales how fast the screen "
+        "works",
+        cure="0 closes the deck",
+    )
+    velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
+    rim: float = number(
+        0.3,
+        "rim",
+        at_least=0.0,
+        at_most=1.0,
+        variability="tunable",
+        tells=f"How far the rim of an opening guides a grain in{BOUNCE}",
+        cure="0 is Gaudin, 1 guides every grain in",
+    )
+    passing_time: float = number(
+        2.0,
+        "passing_time",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"Time for which a grain takes up an opening{BOUNCE}",
+        cure="0 lets any number pass at once",
+    )
+    drift: float = number(
+        1.5,
+        "drift",
+        at_least=0.0,
+        at_most=10.0,
+        variability="tunable",
+        tells=f"How the bed carries grains over the openings{BOUNCE}",
+        cure="0 lets grains pass at any velocity",
+    )
+    damping: float = number(
+        1.0,
+        "damping",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"How a deep bed keeps grains from bouncing{BOUNCE}",
+        cure="0 is for thin beds",
+    )
+    lift: float = number(
+        1.0,
+        "lift",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"How high the vibration throws the bed{BOUNCE}",
+        cure="0 keeps the bed on the deck",
+    )
+    stirring: float = number(
+        0.7,
+        "stirring",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"How riding on frees bed and openings{BOUNCE}",
+        cure="0 is for beds that do not convey",
+    )
+    calming: float = number(
+        0.0,
+        "calming",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"How much lower a deep bed is thrown{BOUNCE}",
+        cure="0 throws all beds alike",
+    )
+    depletion: float = number(
+        0.0,
+        "depletion",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"How a deep bed runs short of passing grains at the deck{BOUNCE}",
+        cure="0 renews what lies on the deck",
+    )
+    levelling: float = number(
+        0.0,
+        "levelling",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells=f"Contact depth over the most that the deck shakes of a bed{BOUNCE}",
+        cure="0 lets all of a bed damp",
+    )
+    closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
+
+    def __post_init__(self) -> None:
+        check_fields(self, "passage")
+        if self.velocity_table is not None and self.velocity != Passage.velocity:
+            raise ConfigError(
+                f"passage.velocity = {self.velocity:.6g} m/s is given beside "
+                "passage.velocity_table: give one of them"
+            )
+
+    def velocity_at(self, aperture: float) -> float:
+        """Velocity of grains through openings of that aperture [m], in m/s.
+
+        Raises ConfigError for an aperture that the table does not reach.
+        """
+        if self.velocity_table is None:
+            return self.velocity
+        apertures, velocities = zip(*self.velocity_table, strict=True)
+        if not apertures[0] <= aperture <= apertures[-1]:
+            limit = apertures[0] if aperture < apertures[0] else apertures[-1]
+            raise ConfigError(told("off_table", name="aperture", value=aperture, limit=limit))
+        return float(np.interp(aperture, apertures, velocities))
+
+
+@dataclass(frozen=True)
+class Segregation:
+    """Model of the mixing and sorting in the bed.
+
+    velocity: of percolation [m/s]; dilation: extra distance between grains by shaking [m];
+    proportion: share of the sorted composition, used by `proportional` [1]. closure: "none", or
+    "vibration" for velocities that follow from the vibration; `velocity` and `mixing` are then
+    those of a loose bed (MODEL.md, "Closures in the vibration"). Of `exchange` too:
+    relative_dilation: extra distance over the mean grain size of a layer, adds to the dilation [1];
+    mixing: velocity at which layers exchange grains whatever their size [m/s].
+    """
+
+    model: str = said(
+        "exchange",
+        Choice(
+            "model",
+            lambda: registry.names("segregation"),
+            tells="How fine grains find their way down through the bed",
+            meanings=(
+                "the bed has the same composition at every height",
+                "a given share of the bed is sorted, the rest is mixed",
+                "layers exchange grains as fine ones percolate through the gaps between coarse "
+                "ones",
+                "the finest grains lie on the screen at once",
+            ),
+        ),
+    )
+    velocity: float = number(
+        0.1,
+        "velocity_m_s",
+        "m/s",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells="Velocity at which fine grains percolate down through the bed",
+        cure="0 switches percolation off",
+    )
+    dilation: float = number(
+        1.0 * MM,
+        "dilation_mm",
+        "m",
+        MM,
+        at_least=0.0,
+        at_most=1.0,
+        variability="tunable",
+        tells="Extra distance between grains by shaking; opens the gaps for fine grains",
+    )
+    proportion: float = number(
+        0.5,
+        "proportion",
+        at_least=0.0,
+        at_most=1.0,
+        variability="tunable",
+        tells="Sorted share of the bed, used by the segregation model proportional",
+        cure="give a part of one",
+    )
+    relative_dilation: float = number(
+        0.0,
+        "relative_dilation",
+        at_least=0.0,
+        at_most=10.0,
+        variability="tunable",
+        tells="Extra distance between grains by shaking, over their mean size",
+        cure="give a part of the mean grain size",
+    )
+    mixing: float = number(
+        0.0,
+        "mixing_m_s",
+        "m/s",
+        at_least=0.0,
+        at_most=100.0,
+        variability="tunable",
+        tells="Velocity at which layers exchange grains whatever their size",
+        cure="0 only sorts",
+    )
+    closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
+
+    def __post_init__(self) -> None:
+        check_fields(self, "segregation")
+
+
+# Put in the place of a layer depth that is not given; no Bed keeps it.
+_AS_CONTACT_DEPTH: Any = None
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Layers of the bed and what lies on the deck at the start.
+
+    contact_depth and layer_depth [m]: of the contact layer and of those above; a Bed without
+    layer_depth takes the contact depth (and keeps it: `dataclasses.replace` of the one leaves the
+    other). initial: "empty", or "steady" for full of the duty. layers: room in the state, the
+    contact layer among them, at least 2. reconstruction: "none", every layer is mixed evenly, as in
+    the paper; "linear" where the layers are a grid to be refined (MODEL.md, "Segregation").
+    """
+
+    contact_depth: float = number(
+        20.0 * MM,
+        "contact_depth_mm",
+        "m",
+        MM,
+        at_least=1e-9,
+        at_most=5.0,
+        tells="Depth of the layer from which grains can reach the openings",
+    )
+    layer_depth: float = number(
+        _AS_CONTACT_DEPTH,
+        "layer_depth_mm",
+        "m",
+        MM,
+        at_least=1e-9,
+        at_most=5.0,
+        optional=True,
+        tells="Depth of the layers above, the mixing length of the bed",
+    )
+    initial: str = said(
+        "empty",
+        Choice(
+            "initial",
+            lambda: ("empty", "steady"),
+            tells="What lies on the decks at the start; 2: when initialisation ends the screen is "
+            "in the steady state of the feed and the vibration given until then",
+            meanings=(
+                "the decks are empty at the start",
+                "the decks are full of the feed given at the start",
+            ),
+        ),
+    )
+    layers: int = number(16, "layers", whole=True, at_least=2, at_most=10_000, variability="")
+    reconstruction: str = said(
+        "none", Choice("reconstruction", lambda: RECONSTRUCTIONS, variability="")
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "bed")
+        if self.layer_depth is None:
+            object.__setattr__(self, "layer_depth", self.contact_depth)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Vibrating mass [kg], bearing friction [1] and diameter [m], efficiency of the drive [1]."""
+
+    vibrating_mass: float = number(
+        6000.0,
+        "vibrating_mass_kg",
+        "kg",
+        at_least=0.0,
+        at_most=1e6,
+        tells="Mass of the vibrating box",
+    )
+    bearing_friction: float = number(
+        0.005,
+        "bearing_friction",
+        at_least=0.0,
+        at_most=1.0,
+        tells="Friction coefficient of the exciter's bearings",
+    )
+    bearing_diameter: float = number(
+        120.0 * MM,
+        "bearing_diameter_mm",
+        "m",
+        MM,
+        at_least=0.0,
+        at_most=5.0,
+        tells="Diameter at which the bearings rub",
+    )
+    efficiency: float = number(
+        0.9,
+        "efficiency",
+        at_least=0.01,
+        at_most=1.0,
+        tells="Mechanical over electric power of the drive",
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "drive")
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Bound on the error of a recovery [1]; packages: room in the state, 0 chosen by the engine.
+
+    The bound holds from 1e-6 up; below, the error still falls, but may exceed it by up to 20 times
+    where layers or sizes run out.
+    """
+
+    tolerance: float = number(
+        1e-4,
+        "tolerance",
+        at_least=1e-9,
+        at_most=1e-1,
+        tells="Bound on the numerical error of a recovery; also what a host gives as tolerance",
+    )
+    packages: int = number(0, "packages", whole=True, at_least=0, at_most=100_000, variability="")
+
+    def __post_init__(self) -> None:
+        check_fields(self, "solver")
