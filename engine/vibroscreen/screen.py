@@ -11,7 +11,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
@@ -410,7 +410,7 @@ def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 
 def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | None = None) -> None:
     """Write a configuration into a buffer: parameters, duty and constants, nodes if given."""
 
-    def put(name: str, value: object) -> None:
+    def put(name: str, value: ArrayLike) -> None:
         layout.view(buffer, name)[...] = value
 
     put("parameter", [_parameter(config, variable) for variable in PARAMETERS])
