@@ -390,13 +390,6 @@ def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 
             "knots": KNOTS if len(config.decks) > 1 else 1,
             "falls": room if packages and len(config.decks) > 1 else 1,
             "designs": designs,
-            "recorded": 0,
-            "recorded_from": 0,
-            "parts": 0,
-            "part": 0,
-            "parts_from": 0,
-            "active": nodes,
-            "source_terms": 0,
             "displacement_work": WORK_SIZE,
             "displacement_address": registry.model(
                 "displacement", config.displacement.model

@@ -99,6 +99,14 @@ STEP = Record(
     whole="scheme most fresh",
 )
 
+# What is done with the column at hand: how many sizes take part, and terms of what lands on it;
+# the deck + 1 whose knots are recorded, and from where; how many parts of the trajectory have their
+# means taken, which is at hand, and the moment from which, s.
+WORK = Record(
+    "active source_terms recorded recorded_from parts part parts_from",
+    whole="active source_terms recorded parts part",
+)
+
 # What was done and what was skipped.
 COUNTER = Record(
     "steps steady_steps displacement_solutions packages_integrated packages_skipped",
@@ -225,6 +233,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
         "recovery": ("classes",),
+        "column_work": (WORK,),
         "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
@@ -271,13 +280,12 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "upward": ("layers",),
     },
 }
-# Sizes of what there is, where the computation stands, and addresses of a user's own models.
+# Sizes of what there is, and addresses of a user's own models.
 _WHOLE = (
     "classes nodes decks panels layers packages cells layered bed_layers knots falls designs",
-    "recorded parts part active source_terms displacement_work",
-    "displacement_address passage_address segregation_address",
+    "displacement_work displacement_address passage_address segregation_address",
 )
-DIMENSION = Record(*_WHOLE, "recorded_from parts_from", whole=" ".join(_WHOLE))
+DIMENSION = Record(*_WHOLE, whole=" ".join(_WHOLE))
 KINDS = {
     name: symbols[-1]
     for fields in SECTIONS.values()
@@ -318,7 +326,7 @@ def package_vector(buffer, at, deck):
 
 @kernel
 def extent(buffer):
-    """Dimensions of the buffer, and where its computation stands."""
+    """Dimensions of the buffer."""
     return record(buffer, 0, DIMENSION)
 
 
@@ -362,6 +370,12 @@ def counters(buffer):
 def memory(buffer):
     """What an instance remembers besides."""
     return record(buffer, int(buffer[AT.memory]), MEMORY)
+
+
+@kernel
+def work(buffer):
+    """What is done with the column at hand."""
+    return record(buffer, int(buffer[AT.column_work]), WORK)
 
 
 @kernel

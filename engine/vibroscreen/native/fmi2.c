@@ -251,7 +251,6 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
         double room = sheet->figure[F_ROOM];
         dimensions[D_PACKAGES] = room > 0 ? room : 4 * dimensions[D_CELLS] + 16;
         dimensions[D_FALLS] = sheet->dimension[D_DECKS] > 1 ? dimensions[D_PACKAGES] : 1;
-        dimensions[D_ACTIVE] = dimensions[D_NODES];
         for (int k = 0; k < OWN_MODELS; k++)
             if (screen->address[k]) dimensions[D_DISPLACEMENT_ADDRESS + k] = screen->address[k];
         status = make_buffer(screen, dimensions, made);

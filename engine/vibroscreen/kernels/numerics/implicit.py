@@ -69,7 +69,7 @@ def basic_step(buffer, scene, k, layers, h, moment):
     implicit_step(load, rate, down, up, pivot, stay, layers, h)
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms > 0:
         source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
         for i in range(nodes):
@@ -85,7 +85,7 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = blocks.stage(buffer, blocks.NOW)
     column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
-    nodes = state.extent(buffer).active
+    nodes = state.work(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
         column[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
@@ -99,12 +99,12 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
 @kernel
 def rows_in_use(buffer, scene, load, layers, h, moment):
     """Layers that a step of h may need: what lands opens new ones, nothing else does."""
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms == 0:
         return layers
     landing = 0.0
-    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.extent(buffer).active)
-    for i in range(state.extent(buffer).active):
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.work(buffer).active)
+    for i in range(state.work(buffer).active):
         landing += mean_landing(source, i, terms, h, moment)
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
     return max(layers, min(more, load.shape[0]))
@@ -116,7 +116,7 @@ def extrapolate(buffer, k, rows):
 
     Trial k keeps its own first-order value. `rows` is the highest number of layers in use.
     """
-    size = (rows + 1) * state.extent(buffer).active
+    size = (rows + 1) * state.work(buffer).active
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
@@ -170,7 +170,7 @@ def pay_integral(buffer, rows):
     """Pay the debts of the time integrals, if there are any."""
     total = blocks.stage(buffer, blocks.INTEGRAL)
     debts = 0
-    for i in range((rows + 1) * state.extent(buffer).active):
+    for i in range((rows + 1) * state.work(buffer).active):
         debts += 1 if total[i] < 0.0 else 0
     if debts > 0:
         gone = blocks.stage_passed(buffer, blocks.INTEGRAL)
@@ -181,10 +181,10 @@ def pay_integral(buffer, rows):
 @kernel
 def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
-    size = (rows + 1) * state.extent(buffer).active
+    size = (rows + 1) * state.work(buffer).active
     now, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
     best, time = blocks.trial(buffer, 0), blocks.trial(buffer, 1)
-    gone = state.extent(buffer).active
+    gone = state.work(buffer).active
     carry_debts(blocks.trial_passed(buffer, 0), blocks.trial_load(buffer, 0), rows)
     carry_debts(blocks.trial_passed(buffer, 1), blocks.trial_load(buffer, 1), rows)
     for i in range(gone):

@@ -123,7 +123,7 @@ def column_rates(buffer, scene, now, layers, rate, moment):
 @kernel
 def land(buffer, change, row, moment):
     """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms == 0:
         return
     source = view2(buffer, int(buffer[state.AT.source_now]), 3, change.shape[1])
@@ -152,10 +152,10 @@ def keep_top_share(buffer, layers):
 @kernel
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
-    nodes = state.extent(buffer).active
+    nodes = state.work(buffer).active
     fastest = blocks.largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
     percolation = blocks.active_column(buffer, state.AT.percolation)
-    if fastest == 0.0 and state.extent(buffer).source_terms > 0.0:
+    if fastest == 0.0 and state.work(buffer).source_terms > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
         pace = scene.density * scene.passage_velocity / scene.contact_load
         fastest = pace * scene.open_area * (1.0 + scene.open_area)

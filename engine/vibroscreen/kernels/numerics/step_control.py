@@ -138,14 +138,14 @@ def explicit_length(buffer, scene, book, step, layers):
     mass = layer.layer_mass(blocks.stage_load(buffer, blocks.NOW), layers - 1)
     miss = kinks.miss_of(buffer, layers, step.growth) * full
     sorted_bed = has_kinks(buffer)
-    first = book.wide == 0.0 and state.extent(buffer).parts > 0
+    first = book.wide == 0.0 and state.work(buffer).parts > 0
     cut, passes = planned_length(buffer, scene, book, step, layers, mass)
     landings = 0
     while True:
         h, scheme = step.length, step.scheme
         allowed = margin_of(scheme, sorted_bed) * kinks.allowance(buffer, scene, book, h)
         error = try_explicit(buffer, scene, step, layers) / allowed
-        if scheme == explicit.PAIR and not sorted_bed and state.extent(buffer).source_terms == 0:
+        if scheme == explicit.PAIR and not sorted_bed and state.work(buffer).source_terms == 0:
             error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
         moved = abs(layer.layer_mass(staged, layers - 1) - mass)
         lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
