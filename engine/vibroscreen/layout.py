@@ -26,7 +26,10 @@ from vibroscreen.kernels.state import (
     SECTIONS,
 )
 
-__all__ = ["Layout"]
+__all__ = ["LINE", "Layout"]
+
+# Numbers in a line of a processor's cache: fields of the work begin at one, and so does a buffer.
+LINE = 8
 
 Array = NDArray[np.float64]
 
@@ -84,6 +87,8 @@ class Layout:
         for title, fields in SECTIONS.items():
             start = position
             for name, symbols in fields.items():
+                if title == "work":
+                    position = (position + LINE - 1) // LINE * LINE
                 shape[name] = tuple(_extent(known, symbol) for symbol in symbols)
                 offset[name] = position
                 position += prod(shape[name])
@@ -105,7 +110,9 @@ class Layout:
 
     def buffer(self) -> Array:
         """A zeroed buffer with its header written."""
-        buffer = np.zeros(self.size)
+        room = np.zeros(self.size + LINE)
+        start = -room.ctypes.data // 8 % LINE
+        buffer = room[start : start + self.size]
         buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
         buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
         return buffer

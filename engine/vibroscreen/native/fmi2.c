@@ -199,13 +199,30 @@ static void read_outputs(Screen *screen) {
         run(screen, &screen->laid, COMMAND_READ, 0);
 }
 
+/* A zeroed buffer of so many numbers, at a line of the processor's cache; what was allocated is told
+   before it. */
+static double *allocate(size_t numbers) {
+    char *room = calloc(numbers + 2 * LINE, sizeof(double));
+    if (!room) return NULL;
+    size_t line = LINE * sizeof(double);
+    char *buffer = room + line + (line - (uintptr_t) room % line) % line;
+    memcpy(buffer - sizeof room, &room, sizeof room);
+    return (double *) buffer;
+}
+
+static void release(double *buffer) {
+    char *room = NULL;
+    if (buffer) memcpy(&room, (char *) buffer - sizeof room, sizeof room);
+    free(room);
+}
+
 /* A zeroed buffer with room for the dimensions in its header, and for the parameters behind it. */
 static fmi2Status make_buffer(const Screen *screen, const double *dimensions, Laid *made) {
     double header[HEADER];
     memcpy(header, dimensions, N_DIMENSIONS * sizeof(double));
     made->at = lay_out(header);
     size_t parameters = (size_t) (made->at.inputs - PARAMETERS), whole = (size_t) made->at.size + parameters;
-    made->buffer = calloc(whole, sizeof(double));
+    made->buffer = allocate(whole);
     if (!made->buffer) return refuse(screen, TEXT_NO_ROOM, (Told) {.value = 8.0 * (double) whole});
     made->built_with = made->buffer + made->at.size;
     memcpy(made->buffer, header, sizeof header);
@@ -268,7 +285,7 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
         }
         memcpy(made->built_with, buffer + PARAMETERS, (size_t) (made->at.inputs - PARAMETERS) * sizeof(double));
     }
-    free(slice.buffer);
+    release(slice.buffer);
     return status;
 }
 
@@ -297,10 +314,10 @@ static fmi2Status start_afresh(Screen *screen) {
     fmi2Status status = lay(screen, screen->sheet.start, &made);
     if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
     if (status != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return status;
     }
-    free(screen->laid.buffer);
+    release(screen->laid.buffer);
     screen->laid = made;
     screen->running = screen->ended = 0;
     screen->time = 0;
@@ -380,7 +397,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component c) {
     Screen *screen = c;
     if (!screen) return;
-    free(screen->laid.buffer);
+    release(screen->laid.buffer);
     free(screen->name);
     free((void *) screen->sheet.bytes);
     if (screen->own) unload(screen->own);
@@ -439,10 +456,10 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     }
     if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
     if (status != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return status;
     }
-    free(laid->buffer);
+    release(laid->buffer);
     *laid = made;
     screen->running = 1;
     return fmi2OK;
@@ -568,17 +585,17 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate source) {
     Laid *laid = &screen->laid, made = *laid;
     int other = !same_fixed(&screen->sheet, state->body, laid->built_with);
     if (other && lay(screen, state->body, &made) != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return fmi2Error;
     }
     int64_t count = made.at.work - PARAMETERS;
     if (state->count != count) {
-        if (other) free(made.buffer);
+        if (other) release(made.buffer);
         Told told = {.value = 8.0 * (double) state->count, .limit = 8.0 * (double) count};
         return refuse(screen, TEXT_STATE_SIZE, told);
     }
     if (other) {
-        free(laid->buffer);
+        release(laid->buffer);
         *laid = made;
     }
     memcpy(laid->buffer + PARAMETERS, state->body, (size_t) count * sizeof(double));
