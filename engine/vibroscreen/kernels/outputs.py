@@ -3,12 +3,13 @@
 from math import pi
 
 from vibroscreen.compiler.elementary import sin
-from vibroscreen.compiler.language import kernel, record
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
+from vibroscreen.kernels.bed import travel
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed
-from vibroscreen.kernels.bed.travel import deck_length, panel_count
 from vibroscreen.kernels.ledger import balance_error, ledger_total
 from vibroscreen.kernels.library import entry
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics.layer import NOTHING
 from vibroscreen.kernels.physics.motion import GRAVITY
 
@@ -20,13 +21,20 @@ DEEP = 4.0
 def write_stream(buffer, row, fraction, duration):
     """Fractions of a stream over the step (without flow they stay); returns its mean rate, kg/s."""
     mass = state.class_vector(buffer, state.AT.class_mass, row)
-    total = 0.0
-    for k in range(mass.size):
-        total += mass[k]
+    total = vectors.total(mass)
     if total > 0.0:
-        for k in range(mass.size):
-            fraction[k] = mass[k] / total
+        vectors.ratio(fraction, mass, total)
     return total / duration
+
+
+@kernel
+def apertures_of_top(buffer):
+    """Least and largest aperture of the top deck, m."""
+    least = most = state.panel(buffer, 0, 0).aperture
+    for number in range(1, travel.panel_count(buffer, 0)):
+        aperture = state.panel(buffer, 0, number).aperture
+        least, most = min(least, aperture), max(most, aperture)
+    return least, most
 
 
 @kernel
@@ -40,13 +48,9 @@ def write_recovery(buffer):
     passed = state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks - 1)
     passed_top = state.node_vector(buffer, state.AT.step_mass, 0)
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
-    aperture = state.panel(buffer, 0, 0).aperture
-    for number in range(1, panel_count(buffer, 0)):
-        aperture = min(aperture, state.panel(buffer, 0, number).aperture)
+    aperture, _ = apertures_of_top(buffer)
     fed, out, out_top = 0.0, 0.0, 0.0
-    total = 0.0
-    for k in range(state.extent(buffer).classes):
-        total += state.class_vector(buffer, state.AT.class_mass, state.FED)[k]
+    total = vectors.total(state.class_vector(buffer, state.AT.class_mass, state.FED))
     for i in range(size.size):
         if size[i] < aperture:
             fed += fraction[i] * total
@@ -90,15 +94,10 @@ def write_partition(buffer):
     coarse = state.node_vector(buffer, state.AT.step_mass, decks)
     # What does not leave over the top deck passes it: through all decks, or over a lower one.
     passed = state.node_vector(buffer, state.AT.step_mass, decks - 1)
-    for i in range(size.size):
-        fine[i] = passed[i]
+    vectors.copy(fine, passed)
     for deck in range(1, decks):
-        between = state.node_vector(buffer, state.AT.step_mass, decks + deck)
-        for i in range(size.size):
-            fine[i] += between[i]
-    closed = 0.0
-    for number in range(panel_count(buffer, 0)):
-        closed = max(closed, state.panel(buffer, 0, number).aperture)
+        vectors.add(fine, 1.0, state.node_vector(buffer, state.AT.step_mass, decks + deck))
+    _, closed = apertures_of_top(buffer)
     quarter = partition_size(size, fine, coarse, 0.25, closed)
     half = partition_size(size, fine, coarse, 0.5, closed)
     three = partition_size(size, fine, coarse, 0.75, closed)
@@ -121,23 +120,17 @@ def read_partition(buffer):
 @kernel
 def write_state(buffer):
     """Outputs that describe the moment: hold-up, depths, velocity, power, alarms."""
-    output = state.outputs(buffer)
-    parameter = state.parameters(buffer)
-    inputs = state.inputs(buffer)
-    scene = state.scene(buffer, state.AT.scene, 0, 0)
-    held = state.class_vector(buffer, state.AT.held, 0)
-    total = 0.0
-    for k in range(held.size):
-        total += held[k]
-    output.hold_up = total
+    output, scene = state.outputs(buffer), state.scene(buffer, state.AT.scene, 0, 0)
+    parameter, inputs = state.parameters(buffer), state.inputs(buffer)
+    output.hold_up = vectors.total(state.class_vector(buffer, state.AT.held, 0))
     output.transport_velocity = scene.transport_velocity
     output.throw_number = scene.throw_number
     output.alarm_bed_depth, output.alarm_capacity, output.alarm_transport = 0.0, 0.0, 0.0
     bed = 0.0
     for deck in range(state.extent(buffer).decks):
         bed += write_bed(buffer, deck)
-    output.depth_feed = deck_bed(buffer, 0).depth_feed
-    output.depth_discharge = deck_bed(buffer, 0).depth_discharge
+    top = state.deck_bed(buffer, 0)
+    output.depth_feed, output.depth_discharge = top.depth_feed, top.depth_discharge
     speed = 2.0 * pi * inputs.motion_frequency
     force = parameter.drive_vibrating_mass * inputs.motion_amplitude * speed * speed
     journal = 0.5 * speed * parameter.drive_bearing_diameter
@@ -147,25 +140,15 @@ def write_state(buffer):
 
 
 @kernel
-def deck_bed(buffer, deck):
-    """Outputs of the bed on a deck."""
-    return record(
-        buffer, int(buffer[state.AT.deck_bed]) + deck * len(state.DECK_BED), state.DECK_BED
-    )
-
-
-@kernel
 def write_bed(buffer, deck):
     """Hold-up, depths, velocity and alarms of a deck; returns the power that its bed takes, W."""
-    output = state.outputs(buffer)
-    bed = deck_bed(buffer, deck)
+    output, bed = state.outputs(buffer), state.deck_bed(buffer, deck)
     bed.hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[deck]
     bed.depth_feed = depth_at_feed(buffer, deck)
     bed.depth_discharge = depth_at_discharge(buffer, deck)
     bed.transport_velocity = state.scene(buffer, state.AT.scene, deck, 0).transport_velocity
-    panels = panel_count(buffer, deck)
-    length = deck_length(buffer, deck)
-    power = 0.0
+    length = travel.deck_length(buffer, deck)
+    panels, power = travel.panel_count(buffer, deck), 0.0
     for number in range(panels):
         scene = state.scene(buffer, state.AT.scene, deck, number)
         fall = GRAVITY * scene.transport_velocity * sin(scene.inclination)
@@ -173,8 +156,7 @@ def write_bed(buffer, deck):
         power += share * max(0.0, scene.dissipation - fall)
         if scene.transport_status >= 2.0:
             output.alarm_transport = 1.0
-    deep = DEEP * state.scene(buffer, state.AT.scene, deck, panels - 1).aperture
-    if bed.depth_discharge > deep:
+    if bed.depth_discharge > DEEP * state.panel(buffer, deck, panels - 1).aperture:
         output.alarm_bed_depth = 1.0
     if state.book(buffer, deck).capacity_alarm > 0.0:
         output.alarm_capacity = 1.0
@@ -189,8 +171,7 @@ def write_sums(buffer):
     output.undersize_mass = ledger_total(buffer, state.UNDER)
     output.oversize_mass = ledger_total(buffer, state.OVER)
     for k in range(state.extent(buffer).decks - 1):
-        between = state.intermediate(buffer, k)
-        between.mass = ledger_total(buffer, state.OVER + 1 + k)
+        state.intermediate(buffer, k).mass = ledger_total(buffer, state.OVER + 1 + k)
 
 
 @kernel
@@ -203,7 +184,7 @@ def write_streams(buffer, duration):
     output.oversize_rate = write_stream(buffer, state.OVER, over, duration)
     for k in range(state.extent(buffer).decks - 1):
         fraction = state.class_vector(buffer, state.AT.intermediate_fraction, k)
-        between = state.intermediate(buffer, k)
-        between.rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
+        rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
+        state.intermediate(buffer, k).rate = rate
     write_recovery(buffer)
     state.memory(buffer).unread = 1.0

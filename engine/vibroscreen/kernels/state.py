@@ -313,6 +313,12 @@ def node_vector(buffer, at, row):
 
 
 @kernel
+def streams(buffer, at):
+    """What a field holds of the streams by class, as one vector."""
+    return vector(buffer, at, (OVER + extent(buffer).decks) * extent(buffer).classes, 0)
+
+
+@kernel
 def class_vector(buffer, at, row):
     """Row `row` of a field of class vectors."""
     return vector(buffer, at, extent(buffer).classes, row)
@@ -352,6 +358,12 @@ def outputs(buffer):
 def intermediate(buffer, deck):
     """Outputs of the stream over the deck below deck `deck`."""
     return record(buffer, int(buffer[AT.intermediate]) + deck * len(INTERMEDIATE), INTERMEDIATE)
+
+
+@kernel
+def deck_bed(buffer, deck):
+    """Outputs of the bed on a deck."""
+    return record(buffer, int(buffer[AT.deck_bed]) + deck * len(DECK_BED), DECK_BED)
 
 
 @kernel
@@ -404,10 +416,21 @@ def scene(buffer, at, deck, panel):
 
 
 @kernel
-def panel(buffer, deck, panel):
-    """Parameters of a panel."""
-    row = deck * extent(buffer).panels + panel
-    return record(buffer, int(buffer[AT.panel]) + row * len(PANEL), PANEL)
+def panel_place(buffer, deck, number):
+    """Where the parameters of a panel begin in the buffer."""
+    row = deck * extent(buffer).panels + number
+    return int(buffer[AT.panel]) + row * len(PANEL)
+
+
+@kernel
+def panel(buffer, deck, number):
+    return record(buffer, panel_place(buffer, deck, number), PANEL)
+
+
+@kernel
+def harmonics(buffer):
+    """Further harmonics of the motion: order, along, its phase, normal, its phase."""
+    return view2(buffer, int(buffer[AT.harmonic]), MAX_HARMONICS, 5)
 
 
 @kernel
