@@ -16,6 +16,7 @@ import bed_velocity
 import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
+import practice_curves
 import survey_planning
 from evidence import PICTURES, REPORT, Section
 
@@ -33,6 +34,7 @@ SECTIONS: tuple[Section, ...] = (
     survey_planning.SECTION,
     bed_velocity.SECTION,
     *dem_calibration.SECTIONS,
+    practice_curves.SECTION,
     engineering_rules.SECTION,
 )
 
