@@ -141,10 +141,10 @@ round numbers chosen with all cases in view, so they count as fitted.
 {table(head, rows)}
 With the velocity of the displacement model `bed` (times {PERFORATED:g}, rolling {ROLLING:g},
 friction {FRICTION:g}: [Bed velocity](#bed-velocity)), nothing refitted, the decks under linear
-motion are met as well, {over(conveyed["rmse"], level):.3f}. The circular ones are not: `bed` is too fast
-on CP, and on both at the feed end, where these beds come in slowly; so it carries their grains over
-the openings. That is an error of the transport. With the constants of the batches, no drift at all,
-fast beds pass far too easily: what the decks add is the drift.
+motion are met as well, {over(conveyed["rmse"], level):.3f}. The circular ones are not: `bed` is too
+fast on CP, and on both at the feed end, where these beds come in slowly; so it carries their
+grains over the openings. That is an error of the transport. With the constants of the batches, no
+drift at all, fast beds pass far too easily: what the decks add is the drift.
 
 ![Recovery by size of the decks](dem_decks.png)
 

@@ -56,10 +56,10 @@ agrees with the mean height. Growth of the gap over the run, mm, target 25 % (mi
 
 {table(head, rows)}
 The simulated bed starts with a gap (the floor alone makes 3 mm, the radii), so the model, which
-starts mixed, is taken from the moment it has the same gap. The gaps grow too much, most at the small
-stroke. Heights want percolation to go with V^2, and layers that mix; what passes wants V, and no
-mixing ([DEM decks](#dem-decks)): how a bed sorts over its height and how fines reach the deck are
-not yet one model.
+starts mixed, is taken from the moment it has the same gap. The gaps grow too much, most at the
+small stroke. Heights want percolation to go with V^2, and layers that mix; what passes wants V, and
+no mixing ([DEM decks](#dem-decks)): how a bed sorts over its height and how fines reach the deck
+are not yet one model.
 
 ![Height of the coarse spheres over the fine ones](dem_segregation.png)
 """
