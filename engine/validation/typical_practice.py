@@ -6,7 +6,7 @@ c_h a. They are fitted to the mean of VSMA's and Karra's undersize recoveries ov
 to 102 mm, loads of 0.6 to 1.9 times VSMA's feed at 95 % and feeds of 10 to 70 % oversize, with each
 aperture left out in turn. Then: partition curves and shelves, the default quarry screen, what
 recovery does with load, length, width and open area, and what the closure in the vibration makes of
-the apertures. Run `python engine/validation/typical_practice.py` (about five minutes).
+the apertures. Run `python engine/validation/typical_practice.py` (about six minutes).
 """
 
 from __future__ import annotations
@@ -49,6 +49,11 @@ from vibroscreen.config import (
     Segregation,
     Solver,
 )
+from vibroscreen.kernels.physics.closure import (
+    passage_factor,
+    peak_normal_velocity,
+    percolation_factor,
+)
 from vibroscreen.kernels.physics.motion import GRAVITY
 from vibroscreen.motion import Motion, transport_velocity
 from vibroscreen.size_classes import SizeClasses
@@ -67,6 +72,8 @@ EDGES = np.array([0.0, 1 / 32, *np.arange(1, 17) / 16, 1.125, 1.25, 1.5, 2.0, 2.
 BELOW = int(np.searchsorted(EDGES, 1.0))  # classes that can pass
 LARGEST = EDGES[-1]  # top size over the aperture
 LENGTH, WIDTH, DENSITY = 6.0, 2.4, 1600.0
+DEEPEST = 4.0  # bed at the discharge over the aperture at a load of 1: finer decks are shorter
+LOST = 0.05  # of the undersize, that leaves with the oversize at VSMA's 95 %
 INCLINATION = 5.0 * DEG
 LAYERS = 32
 TOLERANCE = 1e-3
@@ -78,8 +85,10 @@ SHELF = (0.1, 0.9)  # part to the oversize between which a curve is looked at fo
 # Strokes [mm] by aperture, an assumption: short ones for fine, long ones for coarse screening, with
 # the frequency that gives the throw number of the default motion.
 STROKES = (5.0, 6.0, 7.0, 8.0, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5)
-LENGTHS = (2.4, 3.6, 4.8, 7.3, 9.0)  # of the deck [m], at the same feed over the area
-DILATIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+LENGTHS = (2.4, 3.6, 4.8, 6.0, 7.3, 9.0)  # of the deck [m], at the same feed over the area
+DILATIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+# Powers of the aperture on u and w that are tried; (0, 0) is sqrt(g a) alone.
+POWERS = ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.0, -0.25), (0.0, -0.5), (0.0, -1.0))
 SIXTEEN = 16.0 * MM  # aperture that powers of the aperture are told over
 
 
@@ -113,7 +122,7 @@ class Constants:
 
 START = Constants(0.45, 0.04, 0.6, 1.0)
 # Recommended: the fit at this dilation, the least without a shelf, rounded.
-RECOMMENDED = Constants(0.43, 0.0375, 0.7, 1.0)
+RECOMMENDED = Constants(0.43, 0.037, 0.8, 1.0)
 
 
 # --- feeds ---------------------------------------------------------------------------------------
@@ -208,6 +217,21 @@ def ask_rules(feed: AnyFeed, aperture: float, length: float, loads: Array) -> Sa
 
 
 # --- the engine over the grid --------------------------------------------------------------------
+def deck_length(aperture: float) -> float:
+    """Length of a deck [m]: LENGTH, or less so that VSMA's feed of typical feed is not too deep.
+
+    A deck of a given load on its area carries the more over its end the longer it is; fine screens
+    are built short and wide, with a bed of up to DEEPEST apertures at the discharge.
+    """
+    feed = TypicalFeed()
+    rate = ask_rules(feed, aperture, LENGTH, np.array([1.0])).rate[0]
+    over = rate * (feed.oversize + LOST * (1.0 - feed.oversize))
+    motion, friction = ScreenConfig.default().motion, ScreenConfig.default().material.friction_base
+    velocity = transport_velocity(motion, INCLINATION, friction, "bed")
+    depth = over / (WIDTH * DENSITY * velocity)
+    return LENGTH * min(1.0, DEEPEST * aperture / depth)
+
+
 def usual_motion(stroke: float) -> Motion:
     """Linear motion of a stroke [m] at 45 degrees with the throw number of the default motion."""
     default = ScreenConfig.default().motion
@@ -223,7 +247,7 @@ class Variant:
     segregation: str = "exchange"
     closure: str = "none"
     motions: Sequence[Motion] | None = None
-    length: float = LENGTH
+    length: float | None = None  # that of `deck_length` unless given
     layers: int = LAYERS
     tolerance: float = TOLERANCE
     displacement: str = "bed"
@@ -240,7 +264,11 @@ class Grid:
         if variant.finer_classes:
             edges = np.sort(np.concatenate([EDGES, 0.5 * (EDGES[1:] + EDGES[:-1])]))
         self.edges = edges
-        said = [[ask_rules(f, a, variant.length, loads) for f in self.feeds] for a in APERTURES]
+        self.length = [variant.length or deck_length(aperture) for aperture in APERTURES]
+        said = [
+            [ask_rules(feed, aperture, length, loads) for feed in self.feeds]
+            for aperture, length in zip(APERTURES, self.length, strict=True)
+        ]
         self.rate, self.vsma, self.karra, self.cut = (
             np.array([[getattr(one, name) for one in row] for row in said])
             for name in ("rate", "vsma", "karra", "cut")
@@ -261,7 +289,7 @@ class Grid:
 
     def _screen(self, place: int) -> ScreenConfig:
         variant, aperture = self.variant, APERTURES[place]
-        panel = Panel(variant.length, INCLINATION, aperture, usual_open_area(aperture))
+        panel = Panel(self.length[place], INCLINATION, aperture, usual_open_area(aperture))
         default = ScreenConfig.default().motion
         return ScreenConfig(
             SizeClasses(tuple(self.edges * aperture)),
@@ -408,17 +436,19 @@ def fit(
     free: Sequence[str] = ("passage", "percolation", "dilation"),
     without: int | None = None,
     with_powers: bool = False,
+    given: tuple[float, float] = (0.0, 0.0),
 ) -> Fit:
     """Constants of least weighted squares against the mean of the rules.
 
-    free: names of the constants that are fitted; without: place of an aperture that is left out.
+    free: names of the constants that are fitted; without: place of an aperture that is left out;
+    powers of the aperture on u and w as given, or fitted too.
     """
     kept = np.arange(len(APERTURES)) != (-1 if without is None else without)
 
     def numbers(x: Array) -> tuple[Constants, tuple[float, float]]:
         # at a dilation of 10 every grain finds its gap open: more changes nothing
         found = {name: min(math.exp(v), 10.0) for name, v in zip(free, x, strict=False)}
-        powers = (float(x[-2]), float(x[-1])) if with_powers else (0.0, 0.0)
+        powers = (float(x[-2]), float(x[-1])) if with_powers else given
         return dataclasses.replace(start, **found), powers
 
     def misses(x: Array) -> Array:
@@ -440,6 +470,8 @@ class Study:
     dilations: pd.DataFrame
     variants: pd.DataFrame
     closures: pd.DataFrame
+    powers: pd.DataFrame
+    motions: pd.DataFrame
     quarry: pd.DataFrame
     trends: pd.DataFrame
 
@@ -468,6 +500,10 @@ def run() -> Study:
         pd.DataFrame(dilations).set_index("c_d"),
         pd.DataFrame(variants).set_index("variant"),
         pd.DataFrame(closures).set_index("variant"),
+        pd.DataFrame(
+            [try_powers(coarse, p) for p in track(POWERS, "powers", transient=True)]
+        ).set_index("power of u"),
+        motions(),
         quarry(RECOMMENDED),
         trends(RECOMMENDED),
     )
@@ -521,10 +557,15 @@ VARIANTS = {
 def try_variant(name: str, variant: Variant, usual: Answer) -> dict[str, float | str]:
     """The recommended constants on other screens, or solved otherwise."""
     grid = Grid(variant)
-    recovery = grid.recovery(RECOMMENDED)
+    constants = RECOMMENDED
+    if variant.law == "bounce":  # its u stands for other tries
+        constants = fit(grid, RECOMMENDED, ("passage", "percolation")).constants
+    recovery = grid.recovery(constants)
     error = recovery - grid.target
     return {
         "variant": name,
+        "c_u": constants.passage,
+        "c_w": constants.percolation,
         "typical feed": rmse(error[:, 0]),
         "others": rmse(error[:, 1:]),
         "bias": float(error.mean()),
@@ -545,8 +586,7 @@ CLOSURES = {
 def try_closure(name: str, variant: Variant, loads: Array) -> dict[str, float | str]:
     """u and w fitted at the recommended dilation; and with free powers of the aperture on them."""
     grid = Grid(variant, loads)
-    start = dataclasses.replace(RECOMMENDED)
-    plain = fit(grid, start, ("passage", "percolation"))
+    plain = fit(grid, RECOMMENDED, ("passage", "percolation"))
     powers = fit(grid, plain.constants, ("passage", "percolation"), with_powers=True)
     return {
         "variant": name,
@@ -557,6 +597,40 @@ def try_closure(name: str, variant: Variant, loads: Array) -> dict[str, float | 
         "power of w": powers.powers[1],
         "weighted with powers": powers.weighted,
     }
+
+
+def try_powers(loads: Array, powers: tuple[float, float]) -> dict[str, float]:
+    """u and w fitted under given powers of the aperture, beyond that of sqrt(g a)."""
+    found = fit(Grid(loads=loads), RECOMMENDED, ("passage", "percolation"), given=powers)
+    return {
+        "power of u": powers[0],
+        "power of w": powers[1],
+        "c_u": found.constants.passage,
+        "c_w": found.constants.percolation,
+        "weighted": found.weighted,
+    }
+
+
+def motions() -> pd.DataFrame:
+    """What the closure makes of the default motion and of that by aperture, and how beds ride."""
+    default = ScreenConfig.default()
+    rows = []
+    for aperture, stroke in zip(APERTURES, STROKES, strict=True):
+        usual = usual_motion(stroke * MM)
+        row = {"aperture mm": aperture / MM, "deck m": deck_length(aperture)}
+        for name, motion in (("default", default.motion), ("usual", usual)):
+            b, size = motion.throw_angle, motion.amplitude
+            harmonic = np.array([[1.0, 0.0, size * math.cos(b), 0.0, size * math.sin(b)]])
+            speed = peak_normal_velocity(harmonic, motion.frequency)
+            row[f"V/sqrt(ga) {name}"] = speed / math.sqrt(GRAVITY * aperture)
+            row[f"on u {name}"] = passage_factor(harmonic, motion.frequency, aperture)
+            depth = RECOMMENDED.depth * aperture
+            row[f"on w {name}"] = percolation_factor(harmonic, motion.frequency, depth)
+        row["stroke mm"], row["1/min"] = stroke, 60.0 * usual.frequency
+        friction = default.material.friction_base
+        row["v m/s"] = transport_velocity(usual, INCLINATION, friction, "bed")
+        rows.append(row)
+    return pd.DataFrame(rows).set_index("aperture mm")
 
 
 # --- the default quarry screen -------------------------------------------------------------------
@@ -612,16 +686,16 @@ def trends(constants: Constants) -> pd.DataFrame:
     }
     rows = []
     for name, values in changes.items():
-        screen = config.with_values(
-            {k: v for k, v in values.items() if k != "feed.mass_flow_rate"}
-        )
+        screen = config.with_values({k: v for k, v in values.items() if k != "feed.mass_flow_rate"})
         at = values.get("feed.mass_flow_rate", rate)
         solved = solve_steady_many(screen, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
         rows.append((name, *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN))
     scaled = larger(config, 4.0)
     at = scaled.feed.mass_flow_rate
     solved = solve_steady_many(scaled, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
-    rows.append(("all lengths times 4", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 4.0))
+    rows.append(
+        ("all lengths times 4", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 4.0)
+    )
     return pd.DataFrame(
         rows, columns=["change", "recovery", "at twice the feed", "cut/a"]
     ).set_index("change")
@@ -631,9 +705,7 @@ def larger(config: ScreenConfig, scale: float) -> ScreenConfig:
     """The same screen with all lengths times `scale` at the same gravity."""
     panel = config.decks[0].panels[0]
     motion = config.motion
-    feed = dataclasses.replace(
-        config.feed, mass_flow_rate=config.feed.mass_flow_rate * scale**2.5
-    )
+    feed = dataclasses.replace(config.feed, mass_flow_rate=config.feed.mass_flow_rate * scale**2.5)
     screen = ScreenConfig(
         SizeClasses(tuple(scale * edge for edge in QUARRY_EDGES)),
         (
@@ -702,7 +774,9 @@ def draw_partition(answer: Answer, path: Path) -> None:
     for colour, a in enumerate((0, 2, 4, 6, 9)):
         for load in (0, 3, 6):
             label = f"{APERTURES[a] / MM:.3g} mm" if load == 0 else None
-            middle.plot(place, answer.partition[a, 0, load], f"C{colour}.-", ms=3, lw=0.8, label=label)
+            middle.plot(
+                place, answer.partition[a, 0, load], f"C{colour}.-", ms=3, lw=0.8, label=label
+            )
             right.plot(place, answer.partition[a, 3, load], f"C{colour}.-", ms=3, lw=0.8)
     middle.set(title="typical feed, loads 0.6, 1.2, 1.9")
     middle.legend(fontsize="small")
@@ -739,7 +813,9 @@ def draw_errors(study: Study, path: Path) -> None:
             ms=3,
             label=f"{100 * oversize:.0f} % oversize",
         )
-    parity.plot(answer.grid.target[:, 0].ravel(), answer.recovery[:, 0].ravel(), "k.", ms=4, label="typical")
+    parity.plot(
+        answer.grid.target[:, 0].ravel(), answer.recovery[:, 0].ravel(), "k.", ms=4, label="typical"
+    )
     parity.plot([0.6, 1.0], [0.6, 1.0], "0.5", lw=0.8)
     parity.set(xlabel="mean of VSMA and Karra", ylabel="engine", title="undersize recovery")
     parity.legend(fontsize="small")
@@ -749,7 +825,11 @@ def draw_errors(study: Study, path: Path) -> None:
         ("typical, left out", study.left_out["typical feed"], "ko--"),
         ("other feeds", [rmse(e) for e in answer.error[:, 1:]], "C0o-"),
         ("other feeds, left out", study.left_out["others"], "C0o--"),
-        ("half the difference of the rules, typical", [rmse(0.5 * d) for d in (answer.grid.vsma - answer.grid.karra)[:, 0]], "C3:"),
+        (
+            "half the difference of the rules, typical",
+            [rmse(0.5 * d) for d in (answer.grid.vsma - answer.grid.karra)[:, 0]],
+            "C3:",
+        ),
     ):
         by_aperture.plot(sizes, values, style, ms=4, label=name)
     by_aperture.set(xscale="log", xlabel="aperture, mm", title="RMSE of recovery", ylim=(0.0, 0.09))
@@ -757,7 +837,12 @@ def draw_errors(study: Study, path: Path) -> None:
     for load in (0, 2, 4, 6):
         depth.plot(sizes, answer.depth[:, 0, load], "o-", ms=4, label=f"load {LOADS[load]:g}")
     depth.axhline(4.0, color="0.6", lw=0.8)
-    depth.set(xscale="log", xlabel="aperture, mm", title=f"bed at the discharge over the aperture, {LENGTH:g} m deck", ylim=(0.0, None))
+    depth.set(
+        xscale="log",
+        xlabel="aperture, mm",
+        title="bed depth at the discharge over a",
+        ylim=(0.0, None),
+    )
     depth.legend(fontsize="small")
     figure.savefig(path, dpi=100)
 
@@ -843,8 +928,9 @@ def write(pictures: Path) -> str:
     parts = misses(study.recommended)
     shown = "\n\n".join(f"![{said}]({name})" for name, said in PICTURE.items())
     return f"""\
-Data: none measured. The mean of VSMA's and Karra's undersize recoveries for one deck of
-{LENGTH:g} x {WIDTH:g} m, {INCLINATION / DEG:g} degrees, the default motion, displacement `bed`,
+Data: none measured. The mean of VSMA's and Karra's undersize recoveries for one deck, {LENGTH:g} m
+long or as much shorter as keeps the bed at the discharge within {DEEPEST:g} apertures at VSMA's feed,
+{INCLINATION / DEG:g} degrees, the default motion, displacement `bed`,
 closures off: {len(APERTURES)} apertures, {len(LOADS)} loads over VSMA's feed at 95 %, the feed of
 the default screen with its sizes over the aperture ("typical") and {len(OVERSIZE) * len(HALF_SIZE)}
 graded feeds (oversize / part of the undersize finer than half the aperture). VSMA is held at 0.95
@@ -877,6 +963,13 @@ of the aperture on each (c_d as recommended). A closure that knows how apertures
 no powers.
 
 {markdown(study.closures, 4)}
+Powers that are given, default motion, no closure (the closure itself has 1/4 and -1):
+
+{markdown(study.powers, 4)}
+What the closure makes of u and w at each aperture, under the default motion and under the motion by
+aperture; the latter's stroke, speed and bed velocity:
+
+{markdown(study.motions)}
 The default quarry screen:
 
 {markdown(study.quarry)}
@@ -899,12 +992,17 @@ def main(
     console.print(summary(study))
     for title, frame in misses(study.recommended).items():
         console.print(f"\n{title}\n{frame.round(4).to_string()}")
-    for title in ("left_out", "dilations", "variants", "closures", "quarry", "trends"):
+    for title in (
+        "left_out",
+        "dilations",
+        "variants",
+        "closures",
+        "powers",
+        "motions",
+        "quarry",
+        "trends",
+    ):
         console.print(f"\n{title}\n{getattr(study, title).round(4).to_string()}")
-    velocities = ", ".join(
-        f"{transport_velocity(usual_motion(s * MM), INCLINATION, 0.5, 'bed'):.2f}" for s in STROKES
-    )
-    console.print(f"\nbed velocity by aperture under the strokes by aperture: {velocities} m/s")
     return study
 
 
