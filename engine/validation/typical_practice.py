@@ -283,7 +283,7 @@ class Grid:
     @property
     def weight(self) -> Array:
         """Of the feeds in the fit, mean square 1."""
-        weight = np.ones((1, len(self.feeds), 1))
+        weight: Array = np.ones((1, len(self.feeds), 1))
         weight[:, 0] = math.sqrt(TYPICAL_WEIGHT)
         scaled: Array = weight / math.sqrt(float((weight**2).mean()))
         return scaled
@@ -360,7 +360,8 @@ class Answer:
     @cached_property
     def error(self) -> Array:
         """Recovery less the mean of the rules [aperture, feed, load]."""
-        return self.recovery - self.grid.target
+        error: Array = self.recovery - self.grid.target
+        return error
 
     @cached_property
     def partition(self) -> Array:
