@@ -123,6 +123,7 @@ static double number_named(const char *key, size_t n, const Told *told) {
 
 static const char *text_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "name")) return told->name;
+    if (is(key, n, "unit")) return told->unit;
     if (is(key, n, "range")) return told->range;
     if (is(key, n, "cure")) return told->cure;
     if (is(key, n, "kind")) return told->kind;
