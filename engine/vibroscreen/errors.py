@@ -25,8 +25,8 @@ TEXT = {
     "the base ({limit:.4g}), a rigid body would run away: make the deck flatter or use "
     'displacement.model = "bed" or "prescribed"',
     "steep_bed": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is above {limit:.4g}, the "
-    "friction of a bed on a base of friction {number:.4g}, up to which the displacement model bed was "
-    "checked: take its velocity as a guess, or make the panel flatter",
+    "friction of a bed on a base of friction {number:.4g}, up to which the displacement model bed "
+    "was checked: take its velocity as a guess, or make the panel flatter",
     "no_velocity": "{name} = {number:.6g} gives a bed velocity of {value:.6g} m/s, which is not "
     "finite: mend the displacement model",
     "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",

@@ -31,6 +31,8 @@ Metadata = Mapping[str, "Entry"]
 
 # Kinds of which a screen has one number only: their units alone say which is meant.
 _ALONE = ("Hz", "kg/s", "kg/m3")
+# What is further out of range than this was meant in another unit.
+FAR = 1.5
 # Reaches every double: 17 digits tell any two of them apart.
 _DIGITS = range(1, 18)
 
@@ -111,8 +113,7 @@ class Number(Entry):
         plain = type(value) is float and not self.whole
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
-            cure = self.cure_of("not_finite")
-            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {cure}")
+            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {self.plain_cure}")
         number = as_float(value)
         least, most = self.limits
         if not math.isfinite(number):
@@ -194,32 +195,41 @@ class Number(Entry):
         factor, unit = self.spoken
         return with_unit(from_si(value, factor), unit)
 
-    def cure_of(self, text: str, value: float | None = None) -> str:
-        """What to do about a value, any without one, of which `text` (errors.TEXT) is told."""
+    def cure_of(self, text: str, value: float) -> str:
+        """What to do about a value of which `text` (errors.TEXT) is told."""
+        factor, _ = self.spoken
+        said = from_si(value, factor)
+        if text in ("too_small", "too_large") and self._far(value):
+            for unit in self.other_units:
+                meant = said * unit.factor * (factor / self.written.factor if of_file() else 1.0)
+                if self._takes(meant):
+                    return self.question(unit).format(value=said, meant=from_si(meant, factor))
+        return self.plain_cure
+
+    @property
+    def plain_cure(self) -> str:
+        """What to do about a value that is just out of range."""
         kind = "a whole number" if self.whole else "a number"
         where = "" if of_file() else f" ({self.key} in a TOML file)"
-        default = self.cure or f"give {kind} in this range{where}"
-        if text not in ("too_small", "too_large"):
-            return default
-        factor, own = self.spoken
-        said = 1.0 if value is None else from_si(value, factor)
-        for unit, number in self._other_units(said, factor, own):
-            likely = self._takes(number)
-            if value is None:
-                far = unit.factor < 1.0 if text == "too_large" else unit.factor > 1.0
-                likely = far and (text == "too_large" or self.limits[0] > 0.0)
-            if likely:
-                answer = with_unit(from_si(number, factor), own)
-                return f"were {unit.name} meant? {said:.6g} {unit.text} is {answer}"
-        return default
+        return self.cure or f"give {kind} in this range{where}"
 
-    def _other_units(self, said: float, factor: float, own: str) -> Iterator[tuple[Unit, float]]:
-        """Units that a number may have been meant in, and what it is in SI if it was."""
-        share = self.limits[0] >= 0.0 and self.limits[1] <= 1.0 and not self.whole
-        scale = factor / self.written.factor if of_file() else 1.0
-        for unit in meant_units(self.unit):
-            if unit.text != own and (share or self.unit != "1"):
-                yield unit, said * unit.factor * scale
+    @property
+    def other_units(self) -> list[Unit]:
+        """Units that a value may have been meant in: in SI the likeliest one, for a file all."""
+        if self.unit == "1" and (self.whole or self.limits[0] < 0.0 or self.limits[1] > 1.0):
+            return []
+        others = [unit for unit in meant_units(self.unit) if unit.text != self.spoken[1]]
+        return others if of_file() else others[:1]
+
+    def question(self, unit: Unit) -> str:
+        """Whether a value was meant in another unit; in braces the value, and what it would be."""
+        own = with_unit(0.0, self.spoken[1])[1:]
+        return f"were {unit.name} meant? {{value:.6g}} {unit.text} is {{meant:.6g}}{own}"
+
+    def _far(self, number: float) -> bool:
+        """Whether a number is so far out of range that its unit must be another."""
+        least, most = self.limits
+        return abs(number) > FAR * max(abs(least), abs(most)) or number < least / FAR
 
     def _takes(self, number: float) -> bool:
         """Whether a number is within the limits."""

@@ -541,7 +541,7 @@ def refusal_of(
         given=given(variable.name, value, variable.unit),
         unit=variable.unit,
         range=variable.range,
-        cure=variable.cure(key),
+        cure=variable.cure(key, value),
         value=value,
         limit=limit,
         degrees=value / DEG,

@@ -83,10 +83,17 @@ class Variable:
             return self.entry.range
         return f" (1 to {len(self.entry.names())})"
 
-    def cure(self, text: str) -> str:
+    def cure(self, text: str, value: float) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told."""
+        return (
+            self.entry.cure_of(text, value) if isinstance(self.entry, Number) else self.plain_cure
+        )
+
+    @property
+    def plain_cure(self) -> str:
+        """What to do about a value that is just out of range."""
         if isinstance(self.entry, Number):
-            return self.entry.cure_of(text)
+            return self.entry.plain_cure
         numbered = enumerate(self.entry.names(), start=1)
         return f"give {', '.join(f'{number} {name}' for number, name in numbered)}"
 

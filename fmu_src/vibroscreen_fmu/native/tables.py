@@ -6,6 +6,7 @@ order of what is listed is that of vibroscreen/native/header.py, the texts are t
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,6 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
+from vibroscreen.fields import Number
 from vibroscreen.kernels import library
 from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, REFUSED
 from vibroscreen.native import header
@@ -57,7 +59,7 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
     keys += [key for key in TEXT if key not in keys]
     # A steady solution alone is refused by those that have no text here.
     codes = [key if key in TEXT else "failed" for key in ("", *REFUSED)]
-    flags, variables = _variables(config, ports, words)
+    flags, factors, variables = _variables(config, ports, words)
     body = b"".join(
         [
             _part("d", _figures(config, ports)),
@@ -66,6 +68,7 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
             _part("d", (row[0] for row in table)),
             _part("d", (row[1] for row in table)),
             _part("B", flags),
+            _part("d", factors),
             _rows("6i", variables),
             _part("i", (p.reference for p in ports if p.path and p.variability == "fixed")),
             _part("i", (p.reference for p in ports if p.variability == "tunable")),
@@ -119,10 +122,13 @@ def _figures(config: ScreenConfig, ports: Sequence[Port]) -> list[float]:
 
 def _variables(
     config: ScreenConfig, ports: Sequence[Port], words: _Words
-) -> tuple[list[int], list[tuple[int, ...]]]:
-    """All variables by value reference: what may be done with them, and what people call them."""
+) -> tuple[list[int], list[float], list[tuple[int, ...]]]:
+    """All variables by value reference: what may be done with them, and what people call them.
+
+    Between them the factor of the unit that a value is mistaken for, NaN where there is none.
+    """
     size = max(port.reference for port in ports) + 1
-    flags = [0] * size
+    flags, factors = [0] * size, [math.nan] * size
     names: list[tuple[int, ...]] = [(words.at(""),) * 6] * size
     given = settings_of(config)
     for port in ports:
@@ -133,6 +139,11 @@ def _variables(
         number = given[port.reference] if port.reference < len(given) else None
         about = ("", "", "", "")
         if number:
-            about = (number.unit, number.range, number.cure("too_small"), number.cure("too_large"))
+            about = (number.unit, number.range, number.plain_cure, "")
+            entry = number.entry
+            if isinstance(entry, Number) and entry.other_units:
+                (unit,) = entry.other_units
+                factors[port.reference] = unit.factor
+                about = (*about[:3], entry.question(unit))
         names[port.reference] = tuple(map(words.at, (port.name, *about, port.kind)))
-    return flags, names
+    return flags, factors, names
