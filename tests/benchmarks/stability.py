@@ -368,7 +368,7 @@ def put(screen: Screen, step: Step) -> None:
     for name, value in (
         ("feed_mass_flow_rate", step.feed),
         ("displacement_velocity", step.velocity),
-        ("frequency", step.frequency),
+        ("motion_frequency", step.frequency),
     ):
         if value is not None:
             setattr(inputs, name, value)
@@ -493,8 +493,8 @@ class Soak:
         inputs = np.tile(self.screen.view("input"), (count, 1))
         for name, drawn in (
             ("feed_mass_flow_rate", feed),
-            ("frequency", frequency),
-            ("amplitude", amplitude),
+            ("motion_frequency", frequency),
+            ("motion_amplitude", amplitude),
         ):
             inputs[:, state.INPUT.index(name)] = drawn
         share = rng.random((count, 3)) * (rng.random((count, 3)) < 0.8)

@@ -241,7 +241,7 @@ def test_negative_velocity_is_refused_and_nothing_changes() -> None:
     one.advance(3.0)
     one.record("input").displacement_velocity = -1e-3
     before = one.state
-    with pytest.raises(InputError, match=r"displacement\.velocity = -0\.001 m/s is below"):
+    with pytest.raises(InputError, match=r"displacement\.velocity = -0\.001 m/s is out of range"):
         one.advance(1.0)
     assert one.state == before
 
