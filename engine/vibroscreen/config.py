@@ -25,7 +25,7 @@ from vibroscreen import fields
 from vibroscreen.errors import ConfigError, Faults, InputError
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
-from vibroscreen.keys import reading
+from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.sections import (
     Bed,
@@ -38,7 +38,7 @@ from vibroscreen.sections import (
     Segregation,
     Solver,
 )
-from vibroscreen.size_classes import SizeClasses
+from vibroscreen.size_classes import SizeClasses, coarse_first
 from vibroscreen.stream import Feed, checked_fractions
 from vibroscreen.units import DEG, MM
 
@@ -219,7 +219,12 @@ class ScreenConfig:
     def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> ScreenConfig:
         """Configuration from the tree of a TOML file; file names are relative to `folder`."""
         with reading(cls, tree):
-            return fields.read_table(cls, tree, "", Path(folder))
+            try:
+                return fields.read_table(cls, tree, "", Path(folder))
+            except ConfigError as error:
+                if coarse_first(file_value("size_classes", "edges_mm")):
+                    error.add_note("sizes stand coarsest first: places in lists count from the end")
+                raise
 
     @classmethod
     def default(cls) -> ScreenConfig:

@@ -90,6 +90,11 @@ def fractions_of_passing(passing: Sequence[float]) -> tuple[float, ...]:
     for place, value in enumerate(values, start=1):
         if value > 1.0 + SUM_TOLERANCE:
             raise _FRACTION.refusal(f"feed.passing[{place}]", value, "too_large")
+    if values[0] > values[-1]:
+        raise InputError(
+            f"feed.passing falls from {values[0]:.6g} to {values[-1]:.6g}, the sizes rise: list "
+            "both in the same order"
+        )
     for place, wanted, cure in (
         (1, 0.0, "add a finer limit to the size classes"),
         (len(values), 1.0, "add a coarser limit to the size classes"),

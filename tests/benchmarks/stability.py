@@ -175,7 +175,7 @@ def of_steps() -> Iterator[Scene]:
 def of_feeds() -> Iterator[Scene]:
     for model in MODELS:
         for feed in (1e-9, 1e-6, 1e-3, 1.0, 100.0, 1e3, MOST_FED):
-            ramp = tuple(Step(2.0, feed * (1 + k % 3)) for k in range(12))
+            ramp = tuple(Step(2.0, feed * (1 + k % 3) / 3) for k in range(12))
             yield Scene(screen(model=model, feed=feed), (*ramp, Step(3600.0), Step(30.0, 0.0)))
         jumps = (MOST_FED, 1e-9, 0.0, 1e-9, MOST_FED, 0.0, 80.0, 1e-6, 80.0)
         yield Scene(screen(model=model), tuple(Step(2.0, feed) for feed in jumps))
