@@ -42,7 +42,7 @@ def changed(*changes: tuple[str, str]) -> str:
 
 
 FILES = {
-    "passing_in_per_cent": "feed.passing[2] = 3 is out of range (0 to 1): were per cent meant? 3 % "
+    "passing_in_per_cent": "feed.passing[2] = 3 is out of range (0 to 1): were per cent meant? 3 per cent "
     "is 0.03",
     "retained": "feed.retained = [0, 0.03, 0.11, 0.18, 0.25, 0.3, ...] is unknown: write "
     "feed.passing = [0, 0.03, 0.11, 0.18, 0.25, 0.3, 0.35, 0.42, 0.49, 0.58, 0.82, 1], what is "
@@ -76,7 +76,7 @@ OPEN = ("aperture_mm = 20", "aperture_mm = 20\nopen_area = 55")
 OWN: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     "open area in per cent": (
         (OPEN,),
-        "deck[1].panel[1].open_area = 55 is out of range (0 to 0.95): were per cent meant? 55 % is "
+        "deck[1].panel[1].open_area = 55 is out of range (0 to 0.95): were per cent meant? 55 per cent is "
         "0.55",
     ),
     "1/min for Hz": (
@@ -187,7 +187,7 @@ OWN: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     ),
     "efficiency in per cent": (
         (("[motion]", "[drive]\nefficiency = 90\n[motion]"),),
-        "drive.efficiency = 90 is out of range (0.01 to 1): were per cent meant? 90 % is 0.9",
+        "drive.efficiency = 90 is out of range (0.01 to 1): were per cent meant? 90 per cent is 0.9",
     ),
     "tph": (
         (("rate_t_h = 350", "tph = 350"),),
@@ -209,7 +209,7 @@ OWN: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     ),
     "fractions in per cent": (
         ((EDGES, "edges_mm = [0, 8, 20, 63]"), (PASSING, "mass_fraction = [15, 25, 60]")),
-        "feed.mass_fraction[1] = 15 is out of range (0 to 1): were per cent meant? 15 % is 0.15",
+        "feed.mass_fraction[1] = 15 is out of range (0 to 1): were per cent meant? 15 per cent is 0.15",
     ),
     "fractions of another sum": (
         ((EDGES, "edges_mm = [0, 8, 20, 63]"), (PASSING, "mass_fraction = [0.2, 0.3, 0.52]")),

@@ -89,7 +89,7 @@ def test_feed_takes_arrays() -> None:
             1.0,
             (40.0, 60.0),
             "feed.mass_fraction[1]",
-            "feed.mass_fraction[1] = 40 is out of range (0 to 1): were per cent meant? 40 % is 0.4",
+            "feed.mass_fraction[1] = 40 is out of range (0 to 1): were per cent meant? 40 per cent is 0.4",
         ),
         (
             1.0,
