@@ -22,7 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibroscreen import fields
-from vibroscreen.errors import ConfigError, Faults, InputError
+from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
 from vibroscreen.keys import file_value, reading
@@ -197,8 +197,10 @@ class ScreenConfig:
 
     def __post_init__(self) -> None:
         fields.check_fields(self, "")
-        self._complete_feed()
-        Faults(self._faults()).tell()
+        faults = Faults(self._faults())
+        with faults:
+            self._complete_feed()
+        faults.tell()
 
     @classmethod
     def load(cls, path: str | Path) -> ScreenConfig:
@@ -276,12 +278,9 @@ class ScreenConfig:
         feed = self.feed
         fractions = feed.mass_fraction or typical_fractions(self.size_classes.edges)
         feed = dataclasses.replace(feed, mass_fraction=fractions)
-        try:
-            feed.check_classes(self.size_classes.count)
-            # They are the start values even of a screen that starts without feed.
-            fractions = checked_fractions(fractions)
-        except InputError as error:
-            raise ConfigError(str(error)) from None
+        feed.check_classes(self.size_classes.count)
+        # They are the start values even of a screen that starts without feed.
+        fractions = checked_fractions(fractions)
         object.__setattr__(self, "feed", dataclasses.replace(feed, mass_fraction=fractions))
 
     def _faults(self) -> Iterator[str]:

@@ -42,6 +42,7 @@ TEXT = {
     "one box are equally long, change the lengths of the panels",
     "coarser_below": "{given} is larger than any opening of the deck above ({limit:.6g} {unit}), "
     "here nothing would be screened: list the coarsest deck first, or swap the two",
+    "two_velocities": "{given} is given beside passage.velocity_table: give one of them",
     "off_table": "{given} lies outside of passage.velocity_table, which ends at {limit:.6g} "
     "{unit}: add rows to the table or give passage.velocity",
     "little_room": "solver.packages = {value:.6g} is too little room for the {limit:.6g} cells of "

@@ -79,10 +79,10 @@ class Number(Entry):
     """A number in SI, said once: reader, checks, messages, buffer and FMU variable follow.
 
     `factor` converts the unit of the TOML key to SI. also: other words for it, as people begin its
-    key. tells: what a reader is told of it; cure: what
-    to do about a value out of range. variability: "tunable" while the screen runs, "fixed" before,
-    "constant" since it was built, "continuous" for an input; "" for what is no number of the
-    engine. slack: how far beyond its limits a value is taken for round-off while it runs.
+    key. tells: what a reader is told of it; cure: what to do about a value out of range.
+    variability: "tunable" while the screen runs, "fixed" before, "constant" since it was built,
+    "continuous" for an input; "" for what is no number of the engine. slack: how far beyond its
+    limits a value is taken for round-off while it runs.
     """
 
     key: str
@@ -223,7 +223,7 @@ class Number(Entry):
 
     def question(self, unit: Unit) -> str:
         """Whether a value was meant in another unit; in braces the value, and what it would be."""
-        own = with_unit(0.0, self.spoken[1])[1:]
+        own = "" if self.unit == "1" else f" {self.spoken[1]}"
         return f"were {unit.name} meant? {{value:.6g}} {unit.text} is {{meant:.6g}}{own}"
 
     def _far(self, number: float) -> bool:

@@ -417,8 +417,7 @@ class Passage:
         check_fields(self, "passage")
         if self.velocity_table is not None and self.velocity != Passage.velocity:
             raise ConfigError(
-                f"passage.velocity = {self.velocity:.6g} m/s is given beside "
-                "passage.velocity_table: give one of them"
+                told_of(Passage, "velocity", "passage", "two_velocities", self.velocity)
             )
 
     def velocity_at(self, aperture: float) -> float:

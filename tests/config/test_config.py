@@ -724,7 +724,7 @@ TOML_REFUSALS = {
     ),
     "velocity and table": (
         EDGES + '[passage]\nvelocity_m_s = 0.2\nvelocity_table = "default"',
-        "passage.velocity = 0.2 m/s is given beside passage.velocity_table: give one of them",
+        "passage.velocity_m_s = 0.2 is given beside passage.velocity_table: give one of them",
     ),
     "table of one row": (
         EDGES + "[passage]\nvelocity_table = [[16, 0.1]]",
