@@ -39,16 +39,7 @@ from sizing_rules import (
     vsma_recovery,
 )
 from vibroscreen import ScreenConfig, solve_steady_many
-from vibroscreen.config import (
-    QUARRY_EDGES,
-    Bed,
-    Deck,
-    Displacement,
-    Panel,
-    Passage,
-    Segregation,
-    Solver,
-)
+from vibroscreen.config import QUARRY_EDGES
 from vibroscreen.kernels.physics.closure import (
     passage_factor,
     peak_normal_velocity,
@@ -56,6 +47,7 @@ from vibroscreen.kernels.physics.closure import (
 )
 from vibroscreen.kernels.physics.motion import GRAVITY
 from vibroscreen.motion import Motion, transport_velocity
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sweep import SteadyTable
 from vibroscreen.units import DEG, MM, T_H

@@ -130,7 +130,7 @@ ACCEPTED = 0
 REFUSED = Places(
     1,
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice short_deck",
-    "unequal_decks off_table too_steep no_velocity no_conveying no_feed",
+    "unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
 )
 REFUSAL = Record("code", "index", "value", "limit")
 
