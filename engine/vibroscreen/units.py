@@ -12,6 +12,7 @@ __all__ = [
     "GRAVITY",
     "G_CM3",
     "HOUR",
+    "KN",
     "KW",
     "KWH",
     "KWH_T",
@@ -38,6 +39,7 @@ T_H = 1.0 / 3.6  # kg/s, from t/h
 T_M3 = 1000.0  # kg/m3, from t/m3
 G_CM3 = 1000.0  # kg/m3, from g/cm3
 KW = 1000.0  # W
+KN = 1000.0  # N
 KWH = 3.6e6  # J
 KWH_T = 3600.0  # J/kg, from kWh/t
 PERCENT = 0.01  # 1

@@ -34,6 +34,7 @@ from tests.places import ROOT, SCREENS
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.figures import DECK
 from vibroscreen.kernels import state
 from vibroscreen.screen import Screen
 from vibroscreen.sections import Bed, Solver
@@ -68,15 +69,30 @@ def stream_of(name: str) -> Units:
     }
 
 
-def bed_of_deck(deck: int) -> Units:
-    return {
-        f"deck[{deck}].bed.hold_up": ("kg", "t"),
-        f"deck[{deck}].bed.depth_feed": ("m", "mm"),
-        f"deck[{deck}].bed.depth_discharge": ("m", "mm"),
-        f"deck[{deck}].bed.transport_velocity": ("m/s", None),
+def figures_of_deck(deck: int) -> Units:
+    units = {
+        "bed.hold_up": ("kg", "t"),
+        "bed.depth_feed": ("m", "mm"),
+        "bed.depth_discharge": ("m", "mm"),
+        "bed.depth_over_aperture_feed": ("1", None),
+        "bed.depth_over_aperture_discharge": ("1", None),
+        "bed.transport_velocity": ("m/s", None),
+        "motion.throw_number": ("1", None),
+        "performance.aperture": ("m", "mm"),
+        "performance.feed_rate": ("kg/s", "t/h"),
+        "performance.undersize_rate": ("kg/s", "t/h"),
+        "performance.oversize_rate": ("kg/s", "t/h"),
+        "performance.efficiency": ("1", None),
+        "performance.misplaced_undersize": ("1", None),
+        "performance.misplaced_oversize": ("1", None),
+        "performance.cut_size": ("m", "mm"),
+        "performance.ecart_probable": ("m", "mm"),
+        "performance.imperfection": ("1", None),
     }
+    return {f"deck[{deck}].{name}": unit for name, unit in units.items()}
 
 
+PRODUCTS = ("undersize", "oversize")
 STREAMS = stream_of("undersize") | stream_of("oversize")
 REAL_OUTPUTS = {
     **STREAMS,
@@ -87,16 +103,22 @@ REAL_OUTPUTS = {
     "bed.depth_feed": ("m", "mm"),
     "bed.depth_discharge": ("m", "mm"),
     "bed.transport_velocity": ("m/s", None),
-    **bed_of_deck(1),
+    **figures_of_deck(1),
     "motion.throw_number": ("1", None),
     "performance.undersize_recovery": ("1", None),
     "performance.efficiency": ("1", None),
     "performance.cut_size": ("m", "mm"),
     "performance.ecart_probable": ("m", "mm"),
+    "motion.acceleration_number": ("1", None),
+    **{f"{name}.p{share}": ("m", "mm") for name in PRODUCTS for share in (80, 50)},
     "drive.power": ("W", "kW"),
+    "drive.exciter_force": ("N", "kN"),
     "balance.error": ("kg", "t"),
 }
-ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
+ALARMS = tuple(
+    f"alarm.{name}"
+    for name in ("bed_depth", "capacity", "transport", "performance", "plausibility")
+)
 TUNABLE = {
     "deck[1].panel[1].inclination": ("rad", "deg"),
     "deck[1].panel[1].open_area": ("1", None),
@@ -145,7 +167,9 @@ CONSTANT = "size_classes.subdivision"
 BELOW = {
     **stream_of("intermediate[1]"),
     "intermediate[1].mass": ("kg", "t"),
-    **bed_of_deck(2),
+    "intermediate[1].p80": ("m", "mm"),
+    "intermediate[1].p50": ("m", "mm"),
+    **figures_of_deck(2),
 }
 # Factor from the unit to its display unit.
 DISPLAY = {
@@ -156,6 +180,7 @@ DISPLAY = {
     "1/min": 60.0,
     "t/m3": 0.001,
     "kW": 0.001,
+    "kN": 0.001,
 }
 # A plain feed of the default classes.
 EVEN = dict.fromkeys((f"feed.mass_fraction[{i}]" for i in FRACTIONS), 1.0 / N)
@@ -677,8 +702,9 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             ("intermediate[1]", result.intermediate[0].mass_fraction),
         ):
             expected |= {f"{stream}.mass_fraction[{i}]": fractions[i - 1] for i in FRACTIONS}
-        for deck, bed in enumerate(result.decks, start=1):
-            expected |= {f"deck[{deck}].bed.{key}": value for key, value in vars(bed).items()}
+        for deck, of_deck in enumerate(result.decks, start=1):
+            for figure in DECK:
+                expected[f"deck[{deck}].{figure.name}"] = getattr(of_deck, figure.scalar)
         assert {name: found[name] for name in expected} == expected
         # nothing is lost between the decks
         fed = found["feed.mass"]
@@ -757,7 +783,7 @@ def test_outputs_hold_when_initialisation_ends(screen: Instance) -> None:
     throw, velocity = screen.get(["motion.throw_number", "bed.transport_velocity"])
     assert throw > 1.0
     assert velocity > 0.0
-    assert screen.slave.getBoolean(screen.references(ALARMS)) == [False] * 4
+    assert screen.slave.getBoolean(screen.references(ALARMS)) == [False] * len(ALARMS)
     # and they change with nothing but a step
     before = screen.get(list(REAL_OUTPUTS))
     screen.set({"feed.mass_flow_rate": 20.0, "motion.frequency": 12.0})

@@ -12,7 +12,7 @@ from vibroscreen.kernels.bed.deck import clear_deck
 from vibroscreen.kernels.bed.travel import panel_count, residence_time
 from vibroscreen.kernels.changes import prepare
 from vibroscreen.kernels.ledger import balance_error, book_masses, count_held
-from vibroscreen.kernels.outputs import write_state, write_streams, write_sums
+from vibroscreen.kernels.outputs import held_in_total, write_state, write_streams, write_sums
 
 STEADY_START = 2  # bed.initial
 # Residence times in which a deck is surely full of the duty.
@@ -105,7 +105,7 @@ def advance(buffer, duration):
     count_held(buffer)
     write_streams(buffer, duration)
     write_sums(buffer)
-    write_state(buffer)
+    write_state(buffer, held_in_total(buffer))
     if settled and state.switches(buffer).steady_scene > 0.0:
         memory.settled = 1.0
         for row in range(state.OVER + state.extent(buffer).decks):
@@ -147,5 +147,5 @@ def initialise(buffer):
         for k in range(held.size):
             initial[k] = held[k]
         write_streams(buffer, 1.0)
-    write_state(buffer)
+    write_state(buffer, held_in_total(buffer))
     return state.ACCEPTED
