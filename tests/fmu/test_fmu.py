@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import io
+import re
 import shutil
 import subprocess
 import sys
@@ -1101,6 +1102,31 @@ def test_the_efficiency_stays_without_feed_and_is_never_nan(screen: Instance) ->
     assert screen.get(efficiency) == [running]
 
 
+def test_alarms_that_come_on_are_told_once_with_their_reason(screen: Instance) -> None:
+    """A bed that gets deep, stays so, gets thin, and deep again; frequency beyond what is built."""
+
+    def told() -> list[tuple[int, str, str]]:
+        warned = [line for line in screen.log if line[1] == "logStatusWarning"]
+        screen.log.clear()
+        return [line for line in warned if not line[2].startswith("alarm.performance")]
+
+    screen.start()
+    screen.step(60.0)
+    assert told() == []
+    for rate, lines in ((500.0, 1), (500.0, 0), (60.0, 0), (500.0, 1)):
+        screen.set({"feed.mass_flow_rate": rate})
+        screen.step(60.0)
+        found = told()
+        assert len(found) == lines
+        for status, _, message in found:
+            assert status == fmi2.fmi2Warning
+            assert re.match(r"alarm\.bed_depth: the bed of deck 1 is 0\.\d+ m deep", message)
+            assert "more than 5 apertures (0.08 m): feed less" in message
+    screen.set({"feed.mass_flow_rate": 60.0, "motion.frequency": 25.0})
+    screen.step(1.0)
+    assert [line[2].partition(" (")[0] for line in told()] == ["alarm.plausibility: K = 12.58"]
+
+
 def test_a_start_in_the_steady_state_has_its_efficiency(make: Callable[[], Instance]) -> None:
     instance = make()
     instance.slave.setInteger(instance.references(["bed.initial"]), [2])
@@ -1365,12 +1391,12 @@ print(library.library().parent == library.FOLDER, "numba" in sys.modules, "llvml
 
 
 def run_python(script: str, *arguments: Path | str) -> list[str]:
-    """Lines that a script prints in a process of its own, which must end well."""
+    """Lines that a script prints in a process of its own, which must end well; without alarms."""
     script = f"import sys\n{script}"
     command = [sys.executable, "-W", "error", "-c", script, *map(str, arguments)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    return run.stdout.splitlines()
+    return [line for line in run.stdout.splitlines() if not line.startswith("[WARNING] alarm.")]
 
 
 def test_twenty_processes_end_well(fmu: Path, two_decks: Path) -> None:
