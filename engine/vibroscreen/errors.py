@@ -64,8 +64,9 @@ TEXT = {
     "deep_bed": "the bed of deck {number:.6g} is {value:.4g} m deep at the discharge, more than "
     "{other_limit:.4g} apertures ({limit:.4g} m): feed less, or make the deck wider or its bed "
     "faster",
-    "full_layers": "the bed of deck {number:.6g} is {value:.4g} m deep at the feed end and outgrew "
-    "its layers, which hold {limit:.4g} m: give more bed.layers, or feed less",
+    "full_layers": "the bed of deck {number:.6g}, {value:.4g} m deep at the feed end, outgrew its "
+    "layers, which hold {limit:.4g} m, or its packages: give more bed.layers or solver.packages, "
+    "or feed less",
     "not_conveyed": "the vibration does not convey the bed down deck {number:.6g}, which piles up: "
     "turn the throw angle or the sense of rotation, or incline the deck more",
     "steep_bed": "deck {number:.6g} is inclined by {degrees:.4g} deg (slope {slope:.4g}), more "
