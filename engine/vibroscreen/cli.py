@@ -75,8 +75,8 @@ def solve(
             )
         console.print(
             f"box: hold-up {steady.hold_up:.4g} kg, drive {steady.drive_power / KW:.3g} kW, "
-            f"exciter {steady.exciter_force / KN:.4g} kN, K {steady.acceleration_number:.3g}, P80 of the "
-            f"undersize {steady.undersize_p80 / MM:.4g} mm"
+            f"exciter {steady.exciter_force / KN:.4g} kN, K {steady.acceleration_number:.3g}, "
+            f"P80 of the undersize {steady.undersize_p80 / MM:.4g} mm"
         )
         for name, reason in steady.alarm_reasons.items():
             console.print(f"{name}: {reason}")
