@@ -67,6 +67,32 @@ TEXT = {
     "one within {limit:.6g} and {other_limit:.6g}",
     "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",
     "failed": "the engine failed, code {value:.6g}: report it with the inputs of this step",
+    # why an alarm is set; the name of the alarm and a colon go before it in a log
+    "deep_bed": "the bed of deck {number:.6g} is {value:.4g} m deep at the discharge, more than "
+    "{other_limit:.4g} apertures ({limit:.4g} m): feed less, or make the deck wider or its bed "
+    "faster",
+    "full_layers": "the bed of deck {number:.6g}, {value:.4g} m deep at the feed end, outgrew its "
+    "layers, which hold {limit:.4g} m, or its packages: give more bed.layers or solver.packages, "
+    "or feed less",
+    "not_conveyed": "the vibration does not convey the bed down deck {number:.6g}, which piles up: "
+    "turn the throw angle or the sense of rotation, or incline the deck more",
+    "beyond_bed": "deck {number:.6g} is inclined by {degrees:.4g} deg (slope {slope:.4g}), more "
+    "than the friction of a bed ({limit:.4g}) up to which the displacement model bed was checked: "
+    "take its velocity as a guess",
+    "high_throw": "the throw number of deck {number:.6g} is {value:.4g}, above {limit:.4g}, up to "
+    "which the displacement model bed was checked: take its velocity as a guess",
+    "unchecked_motion": "the displacement model was not checked for the motion of deck "
+    "{number:.6g} (throw number {value:.4g}): take its velocity as a guess",
+    "nothing_fed": "nothing finer than its aperture of {limit:.4g} m came to deck {number:.6g} in "
+    "the last step: its efficiency is that of an earlier one",
+    "no_crossing": "the partition of deck {number:.6g} does not cross a quarter, a half and three "
+    "quarters: its cut size ({value:.4g} m) or ecart probable stands on an end of its sizes",
+    "implausible_depth": "the bed of deck {number:.6g} is {value:.4g} m deep, more than "
+    "{limit:.4g} m: check the feed rate, the width and the bed velocity",
+    "implausible_velocity": "the bed of deck {number:.6g} rides at {value:.4g} m/s, faster than "
+    "{limit:.4g} m/s: check the inclination, the motion and the friction",
+    "implausible_motion": "K = {value:.4g} (amplitude x angular frequency^2 over gravity) is above "
+    "{limit:.4g}: check the frequency, and that the amplitude is half the stroke",
     "state_size": "state = {value:.15g} bytes is not a state of this screen ({limit:.15g} bytes): "
     "give one that the same configuration wrote",
 }

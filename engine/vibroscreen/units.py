@@ -15,6 +15,7 @@ __all__ = [
     "HOUR",
     "INCH",
     "KG_H",
+    "KN",
     "KW",
     "KWH",
     "KWH_T",
@@ -44,6 +45,7 @@ KG_H = 1.0 / 3600.0  # kg/s, from kg/h
 T_M3 = 1000.0  # kg/m3, from t/m3
 G_CM3 = 1000.0  # kg/m3, from g/cm3
 KW = 1000.0  # W
+KN = 1000.0  # N
 KWH = 3.6e6  # J
 KWH_T = 3600.0  # J/kg, from kWh/t
 PERCENT = 0.01  # 1

@@ -80,7 +80,7 @@ POSITIVE = (
     "oversize_fraction",
     "intermediate_fraction",
 )
-FINITE = (*POSITIVE, "output", "intermediate", "deck_bed", "ledger", "carry", "deck", "pace")
+FINITE = (*POSITIVE, "output", "intermediate", "deck_result", "ledger", "carry", "deck", "pace")
 
 
 # --- scenes --------------------------------------------------------------------------------------

@@ -150,14 +150,21 @@ static void tell(Message *message, const char *text, const Told *told) {
     }
 }
 
-static void say(const Screen *screen, fmi2Status status, const char *text, Told told) {
+/* Log a text behind a title, if there is one. */
+static void say_of(const Screen *screen, fmi2Status status, const char *title, const char *text, Told told) {
     if (!screen->logger || !(screen->logging & (status == fmi2Warning ? WARNINGS : ERRORS))) return;
     Message message = {.used = 0};
+    add_text(&message, title);
+    add_text(&message, title ? ": " : "");
     tell(&message, text, &told);
     /* A host takes the message for a format; some show it as it is. Both get what was meant. */
     const char *format = strchr(message.text, '%') ? "%s" : message.text;
     const char *category = status == fmi2Warning ? "logStatusWarning" : "logStatusError";
     screen->logger(screen->environment, screen->name, status, category, format, message.text);
+}
+
+static void say(const Screen *screen, fmi2Status status, const char *text, Told told) {
+    say_of(screen, status, NULL, text, told);
 }
 
 static const char *word(const Screen *screen, int32_t place) { return screen->sheet.word + place; }
@@ -203,11 +210,38 @@ static fmi2Status run(const Screen *screen, const Laid *laid, int command, doubl
     return judge(screen, laid, vibroscreen_run(laid->buffer, laid->at.size, command, first, 0));
 }
 
+/* Where the alarms stand among the variables. */
+static int64_t alarm_place(const double *buffer) { return (int64_t) buffer[AT_OUTPUT] + FIRST_ALARM; }
+
+/* Which alarms are set, a bit each. */
+static unsigned alarms_of(const double *buffer) {
+    unsigned set = 0;
+    for (int k = 0; k < ALARMS; k++) set |= (unsigned) (buffer[alarm_place(buffer) + k] != 0) << k;
+    return set;
+}
+
+/* Tell why alarms came on that were not set before. */
+static void tell_alarms(const Screen *screen, unsigned before) {
+    const double *buffer = screen->laid.buffer, *why = buffer + (int64_t) buffer[AT_ALARM];
+    unsigned new = alarms_of(buffer) & ~before;
+    for (int k = 0; k < ALARMS; k++, why += WHY_SIZE) {
+        int64_t reason = (int64_t) why[WHY_REASON];
+        if (!(new >> k & 1) || reason < 1 || reason >= screen->sheet.reasons) continue;
+        Told told = {.value = why[WHY_VALUE], .limit = why[WHY_LIMIT], .other_limit = why[WHY_OTHER],
+                     .number = why[WHY_DECK]};
+        int text = screen->sheet.text_of_reason[reason];
+        const char *name = name_of(screen, alarm_place(buffer) + k - PARAMETERS);
+        say_of(screen, fmi2Warning, name, word(screen, screen->sheet.text[text]), told);
+    }
+}
+
 /* Outputs that are found only when they are read. */
 static void read_outputs(Screen *screen) {
     const double *buffer = screen->laid.buffer;
-    if (buffer[(int64_t) buffer[AT_MEMORY] + M_UNREAD] > 0)
-        run(screen, &screen->laid, COMMAND_READ, 0);
+    if (buffer[(int64_t) buffer[AT_MEMORY] + M_UNREAD] <= 0) return;
+    unsigned before = alarms_of(buffer);
+    run(screen, &screen->laid, COMMAND_READ, 0);
+    tell_alarms(screen, before);
 }
 
 /* A zeroed buffer of so many numbers, at a line of the processor's cache; what was allocated is told
@@ -473,6 +507,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     release(laid->buffer);
     *laid = made;
     screen->running = 1;
+    tell_alarms(screen, 0);
     return fmi2OK;
 }
 
@@ -494,8 +529,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real duration, fmi2Bool
     if (!(duration >= screen->sheet.figure[F_SHORTEST_STEP] && duration <= 1.7976931348623157e308))
         return refuse(screen, TEXT_NO_TIME, (Told) {.value = duration});
     if (duration > longest) return refuse(screen, TEXT_LONG_TIME, (Told) {.value = duration, .limit = longest});
+    unsigned before = alarms_of(screen->laid.buffer);
     fmi2Status status = run(screen, &screen->laid, COMMAND_ADVANCE, duration);
-    if (status == fmi2OK) screen->time = now + duration;
+    if (status != fmi2OK) return status;
+    screen->time = now + duration;
+    tell_alarms(screen, before);
     return status;
 }
 

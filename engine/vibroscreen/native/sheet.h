@@ -11,9 +11,9 @@ typedef struct {
 
 typedef struct {
     const unsigned char *bytes, *at, *end;
-    int64_t figures, dimensions, values, rows, units, variables, fixed, tunable, codes, texts, owners, words;
+    int64_t figures, dimensions, values, rows, units, variables, fixed, tunable, codes, reasons, texts, owners, words;
     const double *figure, *dimension, *start, *aperture, *velocity, *other_unit;
-    const unsigned char *flags, *text_of_code, *owner;
+    const unsigned char *flags, *text_of_code, *text_of_reason, *owner;
     const Variable *variable;
     const int32_t *fixed_one, *tunable_one, *text;
     const char *word, *guid, *model; /* the first two words are guid and name of the model */
@@ -69,6 +69,7 @@ closed:
     sheet->fixed_one = part(sheet, sizeof(int32_t), &sheet->fixed);
     sheet->tunable_one = part(sheet, sizeof(int32_t), &sheet->tunable);
     sheet->text_of_code = part(sheet, 1, &sheet->codes);
+    sheet->text_of_reason = part(sheet, 1, &sheet->reasons);
     sheet->text = part(sheet, sizeof(int32_t), &sheet->texts);
     sheet->owner = part(sheet, 1, &sheet->owners);
     sheet->word = part(sheet, 1, &sheet->words);

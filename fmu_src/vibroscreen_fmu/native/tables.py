@@ -19,7 +19,7 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
 from vibroscreen.fields import Number
 from vibroscreen.kernels import library
-from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, REFUSED
+from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, REASONS, REFUSED
 from vibroscreen.native import header
 from vibroscreen.native.header import FAMILIES, FIXED, KINDS, SETTABLE
 from vibroscreen.screen import LONGEST_STEP, SHORTEST_STEP, fill, settings_of, slice_layout
@@ -77,6 +77,8 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
             _part("i", (p.reference for p in ports if p.path and p.variability == "fixed")),
             _part("i", (p.reference for p in ports if p.variability == "tunable")),
             _part("B", map(keys.index, codes)),
+            # no reason has the number 0
+            _part("B", map(keys.index, (REASONS[0], *REASONS))),
             _part("i", [words.at(TEXT[key]) for key in keys]),
             _part("B", owner_of(build)),
             _part("B", words.text),
