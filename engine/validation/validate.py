@@ -18,6 +18,7 @@ import engineering_rules
 import ivanov_vaisberg
 import practice_curves
 import survey_planning
+import typical_practice
 from evidence import PICTURES, REPORT, Section
 
 HEAD = """\
@@ -36,6 +37,7 @@ SECTIONS: tuple[Section, ...] = (
     *dem_calibration.SECTIONS,
     practice_curves.SECTION,
     engineering_rules.SECTION,
+    typical_practice.SECTION,
 )
 
 

@@ -5,7 +5,8 @@ from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.motion import Harmonic, Motion, conveying_regime, transport_velocity
 from vibroscreen.probability import gaudin_probability, packing_gap, pelevin_probability
 from vibroscreen.registry import register
-from vibroscreen.screen import Screen, StepResult
+from vibroscreen.results import DeckResult, StepResult
+from vibroscreen.screen import Screen
 from vibroscreen.steady import Profile, SteadyResult
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.sweep import SteadyTable, solve_steady_many
@@ -14,6 +15,7 @@ __version__ = "0.4.0"
 
 __all__ = [
     "ConfigError",
+    "DeckResult",
     "Feed",
     "Harmonic",
     "InputError",

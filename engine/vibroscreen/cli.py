@@ -14,7 +14,7 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.screen import Screen, settings_of
 from vibroscreen.survey import read_survey
-from vibroscreen.units import MM, T_H
+from vibroscreen.units import KN, KW, MM, T_H
 
 try:
     import typer
@@ -66,11 +66,20 @@ def solve(
         rates = table.filter(like="_kg_s") / T_H
         rates.columns = [name.replace("_kg_s", "").replace("_", " ") for name in rates.columns]
         _print(rates.assign(recovery=table["recovery"]).round(4), "steady state, t/h")
+        for deck in steady.decks:
+            console.print(
+                f"deck {deck.deck}, {deck.aperture / MM:g} mm: efficiency {deck.efficiency:.4f}, "
+                f"misplaced undersize {deck.misplaced_undersize:.4f}, cut size "
+                f"{deck.cut_size / MM:.4g} mm, ecart probable {deck.ecart_probable / MM:.3g} mm, "
+                f"bed {deck.depth_feed / MM:.3g} to {deck.depth_discharge / MM:.3g} mm"
+            )
         console.print(
-            f"undersize recovery {steady.undersize_recovery:.4f}, efficiency "
-            f"{steady.efficiency:.4f}, cut size {steady.cut_size / MM:.4g} mm, ecart probable "
-            f"{steady.ecart_probable / MM:.3g} mm, hold-up {steady.hold_up:.4g} kg"
+            f"box: hold-up {steady.hold_up:.4g} kg, drive {steady.drive_power / KW:.3g} kW, "
+            f"exciter {steady.exciter_force / KN:.4g} kN, K {steady.acceleration_number:.3g}, "
+            f"P80 of the undersize {steady.undersize_p80 / MM:.4g} mm"
         )
+        for name, reason in steady.alarm_reasons.items():
+            console.print(f"{name}: {reason}")
 
 
 @app.command(name="calibrate")

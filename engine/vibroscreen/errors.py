@@ -6,9 +6,10 @@ A message names the variable, its value with the unit, what is wrong with it and
 
 from __future__ import annotations
 
+from types import TracebackType
 from typing import Any
 
-__all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
+__all__ = ["TEXT", "ConfigError", "Faults", "InputError", "given", "told", "with_unit"]
 
 # What the runtimes of an FMU say, with and without Python: this table is all there is of it. In
 # braces stand names of texts, or of numbers with the digits that are shown. {given} is a name, its
@@ -19,10 +20,13 @@ TEXT = {
     "too_small": "{given} is out of range{range}: {cure}",
     "too_large": "{given} is out of range{range}: {cure}",
     "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "
-    "fractions of all size classes",
+    "fractions of all size classes, or divide each by the sum",
     "too_steep": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is too steep for the friction at "
     "the base ({limit:.4g}), a rigid body would run away: make the deck flatter or use "
     'displacement.model = "bed" or "prescribed"',
+    "steep_bed": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is above {limit:.4g}, the "
+    "friction of a bed on a base of friction {number:.4g}, up to which the displacement model bed "
+    "was checked: take its velocity as a guess, or make the panel flatter",
     "no_velocity": "{name} = {number:.6g} gives a bed velocity of {value:.6g} m/s, which is not "
     "finite: mend the displacement model",
     "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",
@@ -30,14 +34,17 @@ TEXT = {
     "no_choice": "{name} = {value:.6g} is none of the choices of this screen: {cure}",
     "two_limits": "{name} = {value:.6g} m differs from the lower limit of the next class "
     "({limit:.6g} m): set both to the same",
-    "not_ascending": "{name} = {value:.6g} m is not larger than the limit below it ({limit:.6g} "
-    "m): list the limits in ascending order",
-    "short_deck": "{name} = {value:.6g} m is larger than the deck is long ({limit:.6g} m): were "
-    "millimetres meant? give aperture_mm or metres",
+    "not_ascending": "{given} is not larger than the limit below it ({limit:.6g} {unit}): list the "
+    "limits finest first, and what belongs to them in the same order",
+    "short_deck": "{given} is larger than the deck is long ({limit:.6g} {unit}): give the clear "
+    "opening of the medium",
     "unequal_decks": "{name}: this deck is {value:.6g} m long, deck[1] is {limit:.6g} m: decks of "
     "one box are equally long, change the lengths of the panels",
-    "off_table": "{name} = {value:.6g} m lies outside of passage.velocity_table, which ends at "
-    "{limit:.6g} m: add rows to the table or give passage.velocity",
+    "coarser_below": "{given} is larger than any opening of the deck above ({limit:.6g} {unit}), "
+    "here nothing would be screened: list the coarsest deck first, or swap the two",
+    "two_velocities": "{given} is given beside passage.velocity_table: give one of them",
+    "off_table": "{given} lies outside of passage.velocity_table, which ends at {limit:.6g} "
+    "{unit}: add rows to the table or give passage.velocity",
     "little_room": "solver.packages = {value:.6g} is too little room for the {limit:.6g} cells of "
     "a deck: give at least {other_limit:.6g}, or 0 for the engine's choice",
     # of calls of the interface
@@ -60,6 +67,32 @@ TEXT = {
     "one within {limit:.6g} and {other_limit:.6g}",
     "no_room": "there is no memory for the {value:.15g} bytes of a screen: end other programs",
     "failed": "the engine failed, code {value:.6g}: report it with the inputs of this step",
+    # why an alarm is set; the name of the alarm and a colon go before it in a log
+    "deep_bed": "the bed of deck {number:.6g} is {value:.4g} m deep at the discharge, more than "
+    "{other_limit:.4g} apertures ({limit:.4g} m): feed less, or make the deck wider or its bed "
+    "faster",
+    "full_layers": "the bed of deck {number:.6g}, {value:.4g} m deep at the feed end, outgrew its "
+    "layers, which hold {limit:.4g} m, or its packages: give more bed.layers or solver.packages, "
+    "or feed less",
+    "not_conveyed": "the vibration does not convey the bed down deck {number:.6g}, which piles up: "
+    "turn the throw angle or the sense of rotation, or incline the deck more",
+    "beyond_bed": "deck {number:.6g} is inclined by {degrees:.4g} deg (slope {slope:.4g}), more "
+    "than the friction of a bed ({limit:.4g}) up to which the displacement model bed was checked: "
+    "take its velocity as a guess",
+    "high_throw": "the throw number of deck {number:.6g} is {value:.4g}, above {limit:.4g}, up to "
+    "which the displacement model bed was checked: take its velocity as a guess",
+    "unchecked_motion": "the displacement model was not checked for the motion of deck "
+    "{number:.6g} (throw number {value:.4g}): take its velocity as a guess",
+    "nothing_fed": "nothing finer than its aperture of {limit:.4g} m came to deck {number:.6g} in "
+    "the last step: its efficiency is that of an earlier one",
+    "no_crossing": "the partition of deck {number:.6g} does not cross a quarter, a half and three "
+    "quarters: its cut size ({value:.4g} m) or ecart probable stands on an end of its sizes",
+    "implausible_depth": "the bed of deck {number:.6g} is {value:.4g} m deep, more than "
+    "{limit:.4g} m: check the feed rate, the width and the bed velocity",
+    "implausible_velocity": "the bed of deck {number:.6g} rides at {value:.4g} m/s, faster than "
+    "{limit:.4g} m/s: check the inclination, the motion and the friction",
+    "implausible_motion": "K = {value:.4g} (amplitude x angular frequency^2 over gravity) is above "
+    "{limit:.4g}: check the frequency, and that the amplitude is half the stroke",
     "state_size": "state = {value:.15g} bytes is not a state of this screen ({limit:.15g} bytes): "
     "give one that the same configuration wrote",
 }
@@ -83,8 +116,13 @@ def told(text: str, **values: Any) -> str:
 class ConfigError(ValueError):
     """A configuration that describes no screen: an unknown key, a wrong type, a value out of range.
 
-    The message starts with the key or the variable as the user writes it.
+    Every message starts with the key or the variable as the user writes it. `errors` holds all that
+    is wrong, a message each; the text is a line of each.
     """
+
+    def __init__(self, *errors: str) -> None:
+        super().__init__("\n".join(errors))
+        self.errors = errors
 
 
 class InputError(ValueError):
@@ -97,3 +135,28 @@ class InputError(ValueError):
     def __init__(self, message: str, variable: str | None = None) -> None:
         super().__init__(message)
         self.variable: str = variable or message.partition(" ")[0]
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The message, as of a ConfigError."""
+        return (str(self),)
+
+
+class Faults(list[str]):
+    """What is wrong with a configuration, to be told at once: `with faults:` around every part."""
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, ConfigError | InputError):
+            return False
+        self.extend(error.errors)
+        return True
+
+    def tell(self) -> None:
+        """Raise ConfigError of all, if there are any."""
+        if self:
+            raise ConfigError(*self) from None

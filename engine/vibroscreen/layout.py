@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from vibroscreen.compiler.fours import in_fours
 from vibroscreen.compiler.language import Record, Row
 from vibroscreen.kernels.state import (
+    ALARM,
+    ALARM_COUNT,
+    DECK_RESULT,
     DIMENSION,
     FIELD,
     FIGURE,
     HEADER_SIZE,
     INPUT,
+    INTERMEDIATE,
     KINDS,
     MAX_HARMONICS,
+    OUTPUT,
     OVER,
     PANEL,
     PARAMETER,
@@ -70,8 +75,15 @@ class Layout:
             for title in ("parameters", "inputs")
             for symbols in SECTIONS[title].values()
         )
-        known["result"] = len(FIGURE) + (OVER + known["decks"]) * known["classes"]
         known["lower_decks"] = known["decks"] - 1
+        known["result"] = (
+            len(FIGURE)
+            + len(OUTPUT)
+            + known["decks"] * len(DECK_RESULT)
+            + known["lower_decks"] * len(INTERMEDIATE)
+            + ALARM_COUNT * len(ALARM)
+            + (OVER + known["decks"]) * known["classes"]
+        )
         known["deck_streams"] = 2 * known["decks"]
         known["streams"] = OVER + known["decks"]
         known["ledger_rows"] = 2 * known["streams"]

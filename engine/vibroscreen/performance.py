@@ -100,7 +100,7 @@ def deck_efficiency(size: ArrayLike, feed: ArrayLike, passed: ArrayLike, apertur
 
     passed[n]: what fell through the deck, also what leaves over a deck below it. The efficiency of
     the trade's sizing rules (VSMA; Karra, CIM Bulletin, April 1979) and of Wills, Mineral
-    Processing Technology, "Industrial screening". FMU and steps: `kernels.step.write_recovery`.
+    Processing Technology, "Industrial screening". In the engine: `outputs.write_separation`.
     """
     return undersize_recovery(size, feed, passed, aperture)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import islice
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -22,10 +21,11 @@ from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
-from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
+from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED, RIGID_BODY
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
-from vibroscreen.motion import Motion
+from vibroscreen.motion import Harmonic, Motion, transport_velocity
+from vibroscreen.results import Separation, StepResult, box_of, decks_of, reasons, separations
 from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
@@ -44,48 +44,6 @@ LONGEST_STEP = 1e9  # s; what moves in more is too slow for them, and would be l
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 ENDLESS = (-math.inf, math.inf)
-
-
-@dataclass(frozen=True)
-class DeckBed:
-    """The bed on a deck: hold_up in kg, depths in m, transport_velocity in m/s (first panel)."""
-
-    hold_up: float
-    depth_feed: float
-    depth_discharge: float
-    transport_velocity: float
-
-
-@dataclass(frozen=True, eq=False)
-class StepResult:
-    """What a step gave: means over the step, cumulative masses and the state after it.
-
-    undersize, oversize and intermediate (over each lower deck) in kg/s; hold_up in kg on all decks;
-    depths in m and transport_velocity in m/s of the top deck (`decks` has those of each deck);
-    throw_number, undersize_recovery (through the lowest deck) and efficiency (of the top deck)
-    dimensionless; cut_size and ecart_probable in m; drive_power in W; balance_error in kg; alarms:
-    names of those that are set.
-    """
-
-    undersize: Stream
-    oversize: Stream
-    intermediate: tuple[Stream, ...]
-    decks: tuple[DeckBed, ...]
-    hold_up: float
-    depth_feed: float
-    depth_discharge: float
-    transport_velocity: float
-    throw_number: float
-    undersize_recovery: float
-    efficiency: float
-    cut_size: float
-    ecart_probable: float
-    drive_power: float
-    balance_error: float
-    alarms: tuple[str, ...]
-
-
-_SCALARS = tuple(f.name for f in dataclasses.fields(StepResult) if f.type == "float")
 
 
 class Screen:
@@ -184,10 +142,19 @@ class Screen:
             raise InputError(told("state_size", value=len(blob), limit=size), "state")
         self.buffer[part] = np.frombuffer(blob)
 
-    def read(self) -> None:
-        """Bring outputs up to date that are found only when they are read: sizes of the cut."""
-        if self._memory.unread > 0.0:
-            self._run(READ, 0.0, 0.0)
+    def read(self) -> bool:
+        """Bring outputs up to date that are found only when they are read; whether there were any.
+
+        Sizes of cuts and products, and the alarm of performance.
+        """
+        if self._memory.unread <= 0.0:
+            return False
+        self._run(READ, 0.0, 0.0)
+        return True
+
+    def alarm_reasons(self) -> dict[str, str]:
+        """Why alarms are set, by name, as far as outputs were read."""
+        return reasons(self.view("alarm"))
 
     # --- for people ---------------------------------------------------------------------------
     def step(self, dt: float, feed: Feed | None = None, motion: Motion | None = None) -> StepResult:
@@ -210,20 +177,31 @@ class Screen:
         """What the last step gave."""
         self.read()
         output = dict(zip(state.OUTPUT, self.view("output").tolist(), strict=True))
-        alarms = (name for name, value in output.items() if name.startswith("alarm_") and value)
+        classes = self.config.size_classes.count
         return StepResult(
             undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
             oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
             intermediate=tuple(
-                Stream(float(rate), fraction.copy())
-                for (rate, _), fraction in zip(
+                Stream(float(row[0]), fraction.copy())
+                for row, fraction in zip(
                     self.view("intermediate"), self.view("intermediate_fraction"), strict=True
                 )
             ),
-            decks=tuple(DeckBed(*row) for row in self.view("deck_bed").tolist()),
-            alarms=tuple(name.replace("alarm_", "alarm.") for name in alarms),
-            **{name: output[name] for name in _SCALARS},
+            decks=decks_of(self.view("deck_result"), self._separations(classes)),
+            alarm_reasons=reasons(self.view("alarm")),
+            size_classes=self.config.size_classes,
+            **box_of(output),
         )
+
+    def _separations(self, classes: int) -> list[Separation]:
+        """What came to every deck and left it in the last step, by node."""
+        duration = self._memory.duration
+        rates = self.view("step_mass") / duration if duration > 0.0 else self.view("step_mass")
+        place = self.view("last_seen").size - classes - 1
+        share = self.view("feed_fraction")
+        fed = share * self.view("last_seen")[place]
+        largest = [max(panel.aperture for panel in deck.panels) for deck in self.config.decks]
+        return separations(self.nodes, classes, fed, rates.copy(), share.copy(), largest)
 
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""
@@ -485,6 +463,13 @@ class Inputs:
             self._motion[:] = motion.fundamental
             self._harmonic[:] = motion.harmonic_rows
 
+    def motion(self) -> Motion:
+        """The motion that is there."""
+        rows = self._harmonic.reshape(-1, 5).tolist()
+        parts = tuple(Harmonic(int(order), *row) for order, *row in rows if order)
+        frequency, amplitude, throw_angle, ellipticity = self._motion.tolist()
+        return Motion(frequency, amplitude, throw_angle, ellipticity, parts)
+
 
 def variable_at(layout: Layout, buffer: Array, index: int) -> Variable:
     """The parameter or input at a place of the buffer."""
@@ -527,8 +512,9 @@ def refusal_of(
         key,
         name=variable.name,
         given=given(variable.name, value, variable.unit),
+        unit=variable.unit,
         range=variable.range(most),
-        cure=variable.cure(key, most),
+        cure=variable.cure(key, value, most),
         value=value,
         limit=limit,
         degrees=value / DEG,
@@ -562,9 +548,26 @@ def no_conveying(layout: Layout, buffer: Array) -> InputError:
                     "none, so there is no steady state: give a factor above 0",
                     name,
                 )
+    why, cure = "", ""
+    if moves and model == RIGID_BODY:
+        why, cure = _grains_ride(layout, buffer)
     return InputError(
         f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
-        "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "
-        'angle down-slope, or use displacement.model = "prescribed"',
+        f"convey{why}, so there is no steady state: {cure}raise them, turn the throw angle "
+        'down-slope, or use displacement.model = "prescribed"',
         "motion.frequency",
     )
+
+
+def _grains_ride(layout: Layout, buffer: Array) -> tuple[str, str]:
+    """Why a rigid body does not ride down the first panel, and the model that does, if it does."""
+    slope = layout.record(buffer, "panel")[0, 0].inclination
+    parameter = layout.record(buffer, "parameter")
+    friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
+    motion = Inputs(layout, buffer).motion()
+    rigid, bed = (transport_velocity(motion, slope, friction, m) for m in ("rigid_body", "bed"))
+    if rigid > 0.0:
+        return "", ""
+    where = f" a rigid body down deck[1].panel[1] ({slope / DEG:.4g} deg, it rides at {rigid:.3g}"
+    cure = f'use displacement.model = "bed", grains ride down at {bed:.3g} m/s; or '
+    return f"{where} m/s)", cure if bed > 0.0 else ""

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen import performance
 from vibroscreen.config import ScreenConfig
+from vibroscreen.figures import BoxFigures
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.layout import Layout
+from vibroscreen.results import (
+    DeckResult,
+    Told,
+    box_of,
+    by_class,
+    class_frame,
+    decks_of,
+    reasons,
+    separations,
+)
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
 
-if TYPE_CHECKING:  # the host of an FMU need not have it
+if TYPE_CHECKING:  # the host of an FMU need not have them
     import pandas as pd
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Check = Callable[[int, Array, Layout], None]
@@ -36,6 +48,11 @@ class Kept(NamedTuple):
     class_mass: Array
     recovery: Array
     hold_up_work: Array
+    feed_fraction: Array
+    output: Array
+    deck_result: Array
+    intermediate: Array
+    alarm: Array
     setting: Array
 
 
@@ -75,14 +92,18 @@ class Profile:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class SteadyResult:
-    """Steady state of a screen under a feed: streams in kg/s, recovery, hold-up, profiles.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SteadyResult(Told, BoxFigures[float]):
+    """Steady state of a screen under a feed: streams in kg/s, recovery, results of every deck.
 
-    Whatever is asked for is computed from what the engine left when it is read.
+    `decks` has the results of each deck; numbers that stand here are of the box or of the top deck,
+    in the units of `StepResult`, nan for what there is nothing of. Streams, partition curves and
+    profiles are computed when they are read.
     """
 
     feed: Feed
+    decks: tuple[DeckResult[float], ...]
+    alarm_reasons: Mapping[str, str]
     _slice: Slice = field(repr=False)
     _kept: Kept = field(repr=False)
 
@@ -90,10 +111,6 @@ class SteadyResult:
     def config(self) -> ScreenConfig:
         """The screen."""
         return self._slice.config
-
-    @property
-    def _nodes(self) -> Nodes:
-        return self._slice.nodes
 
     @property
     def recovery(self) -> Array:
@@ -120,9 +137,14 @@ class SteadyResult:
         return tuple(self._stream(state.OVER + d) for d in range(1, len(self.config.decks)))
 
     @property
-    def transport_velocity(self) -> float:
-        """Velocity of the bed on the first panel of the top deck, m/s."""
-        return float(_velocities(self._kept.scene, self.config, 0)[0])
+    def intermediate_p80(self) -> tuple[float, ...]:
+        """Size that 80 % of what leaves over each deck below the top one is finer than, m."""
+        return tuple(self._kept.intermediate[:, state.INTERMEDIATE.index("p80")].tolist())
+
+    @property
+    def intermediate_p50(self) -> tuple[float, ...]:
+        """Size that half of what leaves over each deck below the top one is finer than, m."""
+        return tuple(self._kept.intermediate[:, state.INTERMEDIATE.index("p50")].tolist())
 
     @property
     def residence_time(self) -> float:
@@ -134,62 +156,17 @@ class SteadyResult:
     @property
     def deck_hold_up(self) -> tuple[float, ...]:
         """What lies on each deck, kg."""
-        return tuple(self._kept.hold_up_work.tolist())
-
-    @property
-    def _fine(self) -> Array:
-        fine: Array = self._kept.step_mass[len(self.config.decks) - 1]
-        return fine
-
-    @property
-    def _coarse(self) -> Array:
-        coarse: Array = self._kept.step_mass[len(self.config.decks)]
-        return coarse
-
-    @property
-    def _between(self) -> Array:
-        between: Array = self._kept.step_mass[len(self.config.decks) + 1 :].sum(axis=0)
-        return between
+        return tuple(deck.hold_up for deck in self.decks)
 
     @property
     def aperture(self) -> float:
         """Lowest aperture of the top deck, m."""
-        return min(panel.aperture for panel in self.config.decks[0].panels)
+        return self.decks[0].aperture
 
-    @cached_property
+    @property
     def partition(self) -> performance.Partition:
         """Partition curve of the top deck over the nodes inside the classes, and sizes from it."""
-        largest = max(panel.aperture for panel in self.config.decks[0].panels)
-        through = self._fine + self._between
-        return performance.partition(self._nodes.size, through, self._coarse, largest)
-
-    @property
-    def _fed(self) -> Array:
-        return self._fine + self._between + self._coarse
-
-    @property
-    def cut_size(self) -> float:
-        """Size of which half reports to the oversize, m."""
-        return self.partition.cut_size
-
-    @property
-    def ecart_probable(self) -> float:
-        """(d75 - d25)/2, m."""
-        return self.partition.ecart_probable
-
-    @property
-    def undersize_recovery(self) -> float:
-        """Undersize finer than the aperture over the same in the feed."""
-        return performance.undersize_recovery(
-            self._nodes.size, self._fed, self._fine, self.aperture
-        )
-
-    @property
-    def efficiency(self) -> float:
-        """Of the top deck: what passed it of the feed finer than its lowest aperture."""
-        return performance.deck_efficiency(
-            self._nodes.size, self._fed, self._fine + self._between, self.aperture
-        )
+        return self.decks[0].partition
 
     @cached_property
     def profiles(self) -> tuple[Profile, ...]:
@@ -201,43 +178,32 @@ class SteadyResult:
         """What lies along the top deck."""
         return self.profiles[0]
 
-    @property
-    def hold_up(self) -> float:
-        """What lies on all decks, kg."""
-        return sum(self.deck_hold_up)
-
     def frame(self) -> pd.DataFrame:
         """Table by class: limits [m], feed, undersize, oversize [kg/s], recovery [1].
 
         With several decks also what leaves over each lower one, intermediate_1_kg_s and so on.
         """
-        import pandas as pd
-
-        classes = self.config.size_classes
         between = {
             f"intermediate_{k}_kg_s": stream.class_rates
             for k, stream in enumerate(self.intermediate, start=1)
         }
-        return pd.DataFrame(
-            {
-                "lower_m": classes.lower,
-                "upper_m": classes.upper,
-                "feed_kg_s": self.feed.class_rates,
-                "undersize_kg_s": self.undersize.class_rates,
-                **between,
-                "oversize_kg_s": self.oversize.class_rates,
-                "recovery": self.recovery,
-            },
-            index=pd.RangeIndex(1, classes.count + 1, name="size_class"),
-        )
+        columns = {
+            "feed_kg_s": self.feed.class_rates,
+            "undersize_kg_s": self.undersize.class_rates,
+            **between,
+            "oversize_kg_s": self.oversize.class_rates,
+            "recovery": self.recovery,
+        }
+        return class_frame(self.config.size_classes, columns)
 
+    def plot(self) -> Figure:
+        """Partition of every deck, and the bed along it; a picture of matplotlib.
 
-def by_class(nodes: Nodes, values: Array, count: int) -> Array:
-    """Node values summed over the classes; the last axis is that of the nodes."""
-    out = np.zeros((*values.shape[:-1], count))
-    for k in range(count):
-        out[..., k] = values[..., nodes.class_index == k].sum(axis=-1)
-    return out
+        Raises ImportError without matplotlib.
+        """
+        from vibroscreen.report import draw_steady
+
+        return draw_steady(self)
 
 
 class Slice:
@@ -259,7 +225,25 @@ class Slice:
         """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
         self._check(self._run(SOLVE, 0.0, 0.0), self.buffer, self.layout)
         kept = Kept._make([values.copy() for values in self._found])
-        return SteadyResult(feed, self, kept)
+        largest = [max(panel.aperture for panel in deck.panels) for deck in self.config.decks]
+        fed = kept.feed_fraction * feed.mass_flow_rate
+        classes = self.config.size_classes.count
+        parts = separations(self.nodes, classes, fed, kept.step_mass, kept.feed_fraction, largest)
+        return SteadyResult(
+            feed=feed,
+            decks=decks_of(kept.deck_result, parts),
+            alarm_reasons=reasons(kept.alarm),
+            _slice=self,
+            _kept=kept,
+            **box_of(dict(zip(state.OUTPUT, kept.output.tolist(), strict=True))),
+        )
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return self.config, self.nodes, self.layout, self.buffer, self._check
+
+    def __setstate__(self, parts: tuple[Any, ...]) -> None:
+        """A copy looks up its own parts of its own buffer."""
+        self.__init__(*parts)  # type: ignore[misc]
 
     def march(self, kept: Kept, points: int) -> tuple[Profile, ...]:
         """What lies along every deck in a steady state that was found before."""

@@ -14,9 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
+from vibroscreen.figures import ALARMS, DECK, BoxFigures, figures_of
+from vibroscreen.figures import Figure as Output
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import SOLVE_MANY, run
 from vibroscreen.layout import Layout
+from vibroscreen.results import DeckResult, box_of, reasons
 from vibroscreen.screen import (
     check_supported,
     fill,
@@ -29,23 +32,29 @@ from vibroscreen.screen import (
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 # Designs that a thread takes at a time.
 CHUNK = 64
 FEED_FRACTION = "feed.mass_fraction"
+# Alarms in the order of the bits of `SteadyTable.alarms`.
+ALARM_NAMES = tuple(alarm.name for alarm in ALARMS)
 
 
-@dataclass(frozen=True, eq=False)
-class SteadyTable:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SteadyTable(BoxFigures[Array]):
     """Steady states of many designs, a row each.
 
     recovery[design, class]: part of each class that reaches the undersize, 0 for one that is not
     fed; undersize, oversize [design, class] and intermediate [design, deck below the top, class]
-    in kg/s; transport_velocity in m/s and residence_time in s of the top deck; hold_up in kg;
-    undersize_recovery; cut_size and ecart_probable in m. A design that was refused has zeros and
-    its reason in `refused`.
+    in kg/s; intermediate_p80, intermediate_p50 [design, deck below the top] in m; residence_time in
+    s of the top deck. `decks` has the results of every deck, a row of numbers each, such as
+    `decks[0].efficiency`. All other numbers [design] in the units of `StepResult`, nan for what
+    there is nothing of.
+    alarms[design]: a bit an alarm, 1 for the first of `ALARM_NAMES`, 2, 4 and so on for the next. A
+    design that was refused has zeros and its reason in `refused`.
     """
 
     values: Mapping[str, Array]
@@ -53,16 +62,23 @@ class SteadyTable:
     undersize: Array
     oversize: Array
     intermediate: Array
-    transport_velocity: Array
+    intermediate_p80: Array
+    intermediate_p50: Array
     residence_time: Array
-    hold_up: Array
-    undersize_recovery: Array
-    cut_size: Array
-    ecart_probable: Array
+    decks: tuple[DeckResult[Array], ...]
+    alarms: NDArray[np.int64]
+    _alarm: Array = field(repr=False)
     refused: Mapping[int, str] = field(default_factory=dict)
 
+    def alarm_reasons(self, design: int) -> dict[str, str]:
+        """Alarms of a design that are set, by name, with what is wrong."""
+        return reasons(self._alarm[design])
+
     def frame(self) -> pd.DataFrame:
-        """Table by design: what was varied, product rates [kg/s] and figures."""
+        """Table by design: what was varied, product rates [kg/s] and figures.
+
+        Figures of the box, then `deck[1].efficiency` and so on, and a column an alarm.
+        """
         import pandas as pd
 
         columns = {name: value for name, value in self.values.items() if value.ndim == 1}
@@ -70,13 +86,38 @@ class SteadyTable:
         for k in range(self.intermediate.shape[1]):
             columns[f"intermediate_{k + 1}_kg_s"] = self.intermediate[:, k].sum(axis=1)
         columns["oversize_kg_s"] = self.oversize.sum(axis=1)
-        columns["undersize_recovery"] = self.undersize_recovery
-        columns["cut_size_m"] = self.cut_size
-        columns["ecart_probable_m"] = self.ecart_probable
-        columns["hold_up_kg"] = self.hold_up
-        columns["transport_velocity_m_s"] = self.transport_velocity
+        for figure in figures_of(BoxFigures):
+            if figure.scalar not in ("efficiency", "balance_error"):  # said once, or round-off
+                columns[_titled(figure)] = getattr(self, figure.scalar)
+        for k in range(self.intermediate.shape[1]):
+            columns[f"intermediate_{k + 1}_p80_m"] = self.intermediate_p80[:, k]
+            columns[f"intermediate_{k + 1}_p50_m"] = self.intermediate_p50[:, k]
+        for deck in self.decks:
+            for figure in DECK:
+                columns[f"deck[{deck.deck}].{_titled(figure)}"] = getattr(deck, figure.scalar)
+        for place, name in enumerate(ALARM_NAMES):
+            columns[name] = (self.alarms >> place & 1).astype(bool)
         index = pd.RangeIndex(len(self.recovery), name="design")
         return pd.DataFrame(columns, index=index)
+
+    def _repr_html_(self) -> str:
+        """The table for a notebook."""
+        return self.frame().to_html(max_rows=20, float_format="{:.5g}".format)
+
+    def plot(self, name: str | None = None) -> Figure:
+        """Efficiency of every deck over the designs, or over what was varied under `name`.
+
+        A picture of matplotlib; raises ImportError without it.
+        """
+        from vibroscreen.report import draw_table
+
+        return draw_table(self, name)
+
+
+def _titled(figure: Output) -> str:
+    """Name of a column: with its unit, as TOML keys have it."""
+    unit = {"1": "", "m/s": "_m_s", "kg/s": "_kg_s"}.get(figure.unit, f"_{figure.unit.lower()}")
+    return f"{figure.scalar}{unit}"
 
 
 def solve_steady_many(
@@ -368,7 +409,7 @@ def _table(
     """Results by name; raises for, or notes, the designs that were refused."""
     layout = slice_layout(config)
     figures = dict(zip(state.FIGURE, results[:, : len(state.FIGURE)].T, strict=True))
-    reasons: dict[int, str] = {}
+    reasons_of_refusal: dict[int, str] = {}
     for design in np.flatnonzero(figures["code"] != state.ACCEPTED).tolist():
         buffer = layout.buffer()
         fill(layout, buffer, config)
@@ -378,17 +419,44 @@ def _table(
         error = refusal_of(layout, buffer, *said)
         if refused == "raise":
             raise InputError(f"design {design}: {error}", error.variable)
-        reasons[design] = str(error)
+        reasons_of_refusal[design] = str(error)
     count, classes, decks = len(results), config.size_classes.count, len(config.decks)
-    rates = results[:, len(state.FIGURE) :].reshape(count, state.OVER + decks, classes)
+    parts = np.split(results, np.cumsum(_widths(config))[:-1], axis=1)
+    _, output, of_decks, between, alarm, rates = parts
+    rates = rates.reshape(count, state.OVER + decks, classes)
     products = rates[:, state.UNDER :]
     total = products.sum(axis=1)
+    outputs = dict(zip(state.OUTPUT, output.T, strict=True))
+    flags = np.array([outputs[name.scalar] for name in ALARMS]).astype(np.int64)
+    sizes = between.reshape(count, decks - 1, len(state.INTERMEDIATE))
     return SteadyTable(
         values=given,
         recovery=np.divide(products[:, 0], total, out=np.zeros_like(total), where=total > 0.0),
         undersize=products[:, 0],
         oversize=products[:, 1],
         intermediate=products[:, 2:],
-        refused=reasons,
-        **{name: figures[name] for name in state.FIGURE[len(state.REFUSAL) :]},
+        intermediate_p80=sizes[:, :, state.INTERMEDIATE.index("p80")],
+        intermediate_p50=sizes[:, :, state.INTERMEDIATE.index("p50")],
+        residence_time=figures["residence_time"],
+        decks=tuple(
+            DeckResult[Array](deck=d + 1, **dict(zip(state.DECK_RESULT, rows.T, strict=True)))
+            for d, rows in enumerate(np.split(of_decks, decks, axis=1))
+        ),
+        alarms=(flags << np.arange(len(ALARMS))[:, None]).sum(axis=0),
+        _alarm=alarm.reshape(count, len(ALARMS), len(state.ALARM)),
+        refused=reasons_of_refusal,
+        **box_of(outputs),
     )
+
+
+def _widths(config: ScreenConfig) -> list[int]:
+    """How many numbers each part of a row of results has, in its order (kernels/steady.py)."""
+    decks = len(config.decks)
+    return [
+        len(state.FIGURE),
+        len(state.OUTPUT),
+        decks * len(state.DECK_RESULT),
+        (decks - 1) * len(state.INTERMEDIATE),
+        state.ALARM_COUNT * len(state.ALARM),
+        (state.OVER + decks) * config.size_classes.count,
+    ]

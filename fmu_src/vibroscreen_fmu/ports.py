@@ -2,20 +2,21 @@
 
 The value reference of a variable is its place in the buffer, counted from the first parameter:
 parameters, inputs and outputs lie there in a row. What is said of a parameter or an input comes
-from its field (`vibroscreen.variables`); outputs are said here. Where decks have different numbers
-of panels, the buffer has room that no panel fills: references are skipped there.
+from its field (`vibroscreen.variables`), of an output too (`vibroscreen.figures`). Where decks have
+different numbers of panels, the buffer has room that no panel fills: references are skipped there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.fields import Choice
-from vibroscreen.kernels.state import DECK_BED, DIMENSION, INTERMEDIATE, OUTPUT
+from vibroscreen.figures import BETWEEN, BOX, DECK, Figure
+from vibroscreen.kernels.state import DIMENSION
 from vibroscreen.layout import Layout
 from vibroscreen.screen import fill, nodes_of, settings_of
 from vibroscreen.variables import Variable
@@ -26,129 +27,6 @@ __all__ = ["ports"]
 Place = tuple[str, *tuple[int, ...]]
 
 
-@dataclass(frozen=True)
-class _Meaning:
-    """What a reader is told about an output, and how it behaves."""
-
-    description: str
-    variability: str = "continuous"
-    kind: str = "Real"
-
-
-def _alarm(description: str) -> _Meaning:
-    return _Meaning(description, "discrete", "Boolean")
-
-
-# Outputs: name, unit and meaning.
-_OUTPUTS = {
-    "undersize_rate": (
-        "undersize.mass_flow_rate",
-        "kg/s",
-        _Meaning("What falls through the lowest deck, mean over the last step"),
-    ),
-    "oversize_rate": (
-        "oversize.mass_flow_rate",
-        "kg/s",
-        _Meaning("What leaves over the top deck, mean over the last step"),
-    ),
-    "feed_mass": ("feed.mass", "kg", _Meaning("Fed since the start")),
-    "undersize_mass": ("undersize.mass", "kg", _Meaning("Undersize since the start")),
-    "oversize_mass": ("oversize.mass", "kg", _Meaning("Oversize since the start")),
-    "hold_up": ("bed.hold_up", "kg", _Meaning("What lies on all decks")),
-    "depth_feed": ("bed.depth_feed", "m", _Meaning("Depth of the top deck's bed at the feed end")),
-    "depth_discharge": (
-        "bed.depth_discharge",
-        "m",
-        _Meaning("Depth of the top deck's bed at the discharge"),
-    ),
-    "transport_velocity": (
-        "bed.transport_velocity",
-        "m/s",
-        _Meaning("Velocity of the bed along the first panel of the top deck"),
-    ),
-    "throw_number": (
-        "motion.throw_number",
-        "1",
-        _Meaning("Largest acceleration normal to the deck over that of gravity; throws above 1"),
-    ),
-    "undersize_recovery": (
-        "performance.undersize_recovery",
-        "1",
-        _Meaning(
-            "Share of what is fed finer than the top deck's smallest aperture that fell through "
-            "the lowest deck in the last step"
-        ),
-    ),
-    "efficiency": (
-        "performance.efficiency",
-        "1",
-        _Meaning(
-            "Efficiency of the top deck: share of what is fed finer than its smallest aperture "
-            "that passed this deck in the last step; without feed the last one stays"
-        ),
-    ),
-    "cut_size": (
-        "performance.cut_size",
-        "m",
-        _Meaning("Size of which half leaves over the top deck"),
-    ),
-    "ecart_probable": (
-        "performance.ecart_probable",
-        "m",
-        _Meaning(
-            "Half the distance between the sizes of which 75 % and 25 % leave over the top deck"
-        ),
-    ),
-    "drive_power": (
-        "drive.power",
-        "W",
-        _Meaning("Electric power of the drive, under the load at the end of the step"),
-    ),
-    "balance_error": (
-        "balance.error",
-        "kg",
-        _Meaning("Fed less discharged less held since the start: round-off only"),
-    ),
-    "alarm_bed_depth": (
-        "alarm.bed_depth",
-        "1",
-        _alarm("The bed of a deck is deeper than four apertures at the discharge"),
-    ),
-    "alarm_capacity": (
-        "alarm.capacity",
-        "1",
-        _alarm("The bed of a deck is deeper than the layers of the model can hold"),
-    ),
-    "alarm_transport": (
-        "alarm.transport",
-        "1",
-        _alarm(
-            "The vibration does not convey the bed down a deck, or the displacement model bed is "
-            "used outside of what it was checked for"
-        ),
-    ),
-    "alarm_performance": (
-        "alarm.performance",
-        "1",
-        _alarm("Cut size or ecart probable lie outside of the size classes"),
-    ),
-}
-# Outputs of the stream over every lower deck, and of the bed on every deck: the last part of the
-# name, unit and meaning; decks are counted from the top.
-_INTERMEDIATE = {
-    "rate": ("mass_flow_rate", "kg/s", "What leaves over deck {}, mean over the last step"),
-    "mass": ("mass", "kg", "Left over deck {} since the start"),
-}
-_DECK_BED = {
-    "hold_up": ("hold_up", "kg", "What lies on deck {}"),
-    "depth_feed": ("depth_feed", "m", "Depth of the bed on deck {} at the feed end"),
-    "depth_discharge": ("depth_discharge", "m", "Depth of the bed on deck {} at the discharge"),
-    "transport_velocity": (
-        "transport_velocity",
-        "m/s",
-        "Velocity of the bed along the first panel of deck {}",
-    ),
-}
 _STREAMS = {
     "undersize": "Mass fraction of class {} in what falls through the lowest deck",
     "oversize": "Mass fraction of class {} in what leaves over the top deck",
@@ -162,8 +40,9 @@ class _Output:
     name: str
     place: Place
     unit: str
-    meaning: _Meaning
+    tells: str
     share: bool = False
+    alarm: bool = False
 
 
 def ports(config: ScreenConfig) -> tuple[Port, ...]:
@@ -189,10 +68,10 @@ def ports(config: ScreenConfig) -> tuple[Port, ...]:
         return Port(
             name=output.name,
             reference=place - first,
-            description=output.meaning.description,
+            description=output.tells,
             causality="output",
-            variability=output.meaning.variability,
-            kind=output.meaning.kind,
+            variability="discrete" if output.alarm else "continuous",
+            kind="Boolean" if output.alarm else "Real",
             unit=output.unit,
             least=0.0 if output.share else None,
             most=1.0 if output.share else None,
@@ -241,29 +120,28 @@ def _choices(number: Variable, entry: Choice, chosen: float) -> Enumeration:
 
 
 def _outputs(config: ScreenConfig) -> Iterator[_Output]:
-    for index, scalar in enumerate(OUTPUT):
-        name, unit, meaning = _OUTPUTS[scalar]
-        yield _Output(name, ("output", index), unit, meaning)
+    for k, figure in enumerate(BOX):
+        yield _Output(figure.name, ("output", k), figure.unit, figure.tells, alarm=figure.alarm)
     for stream, text in _STREAMS.items():
         yield from _fractions(config, stream, (f"{stream}_fraction",), text)
     for k in range(len(config.decks) - 1):
         below = k + 2  # the deck that it leaves over
-        for index, scalar in enumerate(INTERMEDIATE):
-            short, unit, text = _INTERMEDIATE[scalar]
-            name, meaning = f"intermediate[{k + 1}].{short}", _Meaning(text.format(below))
-            yield _Output(name, ("intermediate", k, index), unit, meaning)
+        yield from _of_deck(BETWEEN, f"intermediate[{k + 1}]", ("intermediate", k), below)
         text = f"Mass fraction of class {{}} in what leaves over deck {below}"
         yield from _fractions(config, f"intermediate[{k + 1}]", ("intermediate_fraction", k), text)
     for d in range(len(config.decks)):
-        for index, scalar in enumerate(DECK_BED):
-            short, unit, text = _DECK_BED[scalar]
-            name, meaning = f"deck[{d + 1}].bed.{short}", _Meaning(text.format(d + 1))
-            yield _Output(name, ("deck_bed", d, index), unit, meaning)
+        yield from _of_deck(DECK, f"deck[{d + 1}]", ("deck_result", d), d + 1)
+
+
+def _of_deck(row: Iterable[Figure], title: str, place: Place, deck: int) -> Iterator[_Output]:
+    """Figures of a deck, or of what leaves over it."""
+    for k, figure in enumerate(row):
+        text = figure.tells.format(deck)
+        yield _Output(f"{title}.{figure.name}", (*place, k), figure.unit, text)
 
 
 def _fractions(config: ScreenConfig, stream: str, place: Place, text: str) -> Iterator[_Output]:
     """Composition of a stream; `text` says it for a class, `place` is that of the stream."""
     for i in range(config.size_classes.count):
-        meaning = _Meaning(text.format(i + 1))
         name = f"{stream}.mass_fraction[{i + 1}]"
-        yield _Output(name, (*place, i), "1", meaning, share=True)
+        yield _Output(name, (*place, i), "1", text.format(i + 1), share=True)

@@ -14,8 +14,9 @@ from pythonfmu.enums import Fmi2Status
 
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import given, told
+from vibroscreen.figures import ALARMS
 from vibroscreen.kernels.entry import CHECK, run
-from vibroscreen.kernels.state import ACCEPTED
+from vibroscreen.kernels.state import ACCEPTED, FIRST_ALARM
 from vibroscreen.screen import Screen, fill, refusal, slice_layout
 from vibroscreen_fmu.port import TOLERANCE, Port, Steps
 from vibroscreen_fmu.ports import ports
@@ -24,6 +25,7 @@ from vibroscreen_fmu.row_slave import RowSlave, refusing
 __all__ = ["CONFIG_FILE", "ScreenSlave", "configured"]
 
 CONFIG_FILE = "screen.toml"  # in the resources of the FMU
+ALARM_PLACE = {alarm.name: place for place, alarm in enumerate(ALARMS)}
 
 
 class ScreenSlave(RowSlave):
@@ -67,14 +69,30 @@ class ScreenSlave(RowSlave):
         screen.buffer[sections["inputs"]] = self._screen.buffer[sections["inputs"]]
         screen.initialise()
         self._take_screen(screen)
+        self._tell_alarms(0)
 
     def advance(self, duration: float) -> None:
         """Advance the screen."""
+        before = self._alarms_set()
         self._screen.advance(duration)
+        self._tell_alarms(before)
 
     def read(self) -> None:
-        """Find the sizes of the cut."""
-        self._screen.read()
+        """Find the sizes of cuts and products."""
+        before = self._alarms_set()
+        if self._screen.read():
+            self._tell_alarms(before)
+
+    def _alarms_set(self) -> int:
+        """Which alarms are set, a bit each."""
+        return sum(1 << k for k, on in enumerate(self._alarms.tolist()) if on)
+
+    def _tell_alarms(self, before: int) -> None:
+        """Tell why alarms came on that were not set before."""
+        if self._alarms_set() & ~before:
+            for name, reason in self._screen.alarm_reasons().items():
+                if not before >> ALARM_PLACE[name] & 1:
+                    self.note(f"{name}: {reason}", Fmi2Status.warning)
 
     def memory(self) -> bytes:
         """The buffer of the screen."""
@@ -92,6 +110,7 @@ class ScreenSlave(RowSlave):
         self._built_with = screen.buffer[sections["parameters"]].copy()
         row = slice(sections["parameters"].start, sections["outputs"].stop)
         self.take(screen.buffer[row])
+        self._alarms = screen.view("output")[FIRST_ALARM:]
 
     def _screen_of(self, parameters: NDArray[np.float64]) -> Screen:
         """A screen with these parameters: the one there is, unless a fixed one differs."""

@@ -283,24 +283,30 @@ class Python:
 
     def _step(self, slave: ScreenSlave, duration: float) -> None:
         """A refused step is logged, not raised: fmi2Discard here, fmi2Error of a library."""
+        before = len(slave.log_queue)
         if slave.do_step(0.0, duration):
-            self.out.append(OK)
+            self.out.append(warned(slave, before) + OK)
         else:
             self.out.append(f"logStatusError {slave.log_queue[-1].msg}\n".encode() + ERROR)
 
     def _set_up(self, slave: ScreenSlave, tolerance: float) -> None:
         """A tolerance that is none is told as a warning; that the slave cannot return."""
-        before = len(slave.log_queue)
         self._try(slave.setup_experiment, 0.0, None, tolerance)
-        said = slave.log_queue[before:]
-        if self.out[-1] == OK and said:
-            self.out[-1] = f"logStatusWarning {said[-1].msg}\n".encode() + WARNING
+        said = self.out[-1].removesuffix(OK)
+        if self.out[-1].endswith(OK) and said:
+            self.out[-1] = said + WARNING
 
     def _try(self, hook: Any, *arguments: Any) -> Any:
+        before = len(hook.__self__.log_queue)
         try:
             result = hook(*arguments)
         except RuntimeError as error:
             self.out.append(f"logStatusError {error}\n".encode() + ERROR)
             return None
-        self.out.append(OK)
+        self.out.append(warned(hook.__self__, before) + OK)
         return result
+
+
+def warned(slave: ScreenSlave, before: int) -> bytes:
+    """What a slave warned of since its log was so long: alarms that came on."""
+    return b"".join(f"logStatusWarning {line.msg}\n".encode() for line in slave.log_queue[before:])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import io
+import re
 import shutil
 import subprocess
 import sys
@@ -34,6 +35,7 @@ from tests.places import ROOT, SCREENS
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
+from vibroscreen.figures import DECK
 from vibroscreen.kernels import state
 from vibroscreen.screen import Screen
 from vibroscreen.sections import Bed, Solver
@@ -68,15 +70,30 @@ def stream_of(name: str) -> Units:
     }
 
 
-def bed_of_deck(deck: int) -> Units:
-    return {
-        f"deck[{deck}].bed.hold_up": ("kg", "t"),
-        f"deck[{deck}].bed.depth_feed": ("m", "mm"),
-        f"deck[{deck}].bed.depth_discharge": ("m", "mm"),
-        f"deck[{deck}].bed.transport_velocity": ("m/s", None),
+def figures_of_deck(deck: int) -> Units:
+    units = {
+        "bed.hold_up": ("kg", "t"),
+        "bed.depth_feed": ("m", "mm"),
+        "bed.depth_discharge": ("m", "mm"),
+        "bed.depth_over_aperture_feed": ("1", None),
+        "bed.depth_over_aperture_discharge": ("1", None),
+        "bed.transport_velocity": ("m/s", None),
+        "motion.throw_number": ("1", None),
+        "performance.aperture": ("m", "mm"),
+        "performance.feed_rate": ("kg/s", "t/h"),
+        "performance.undersize_rate": ("kg/s", "t/h"),
+        "performance.oversize_rate": ("kg/s", "t/h"),
+        "performance.efficiency": ("1", None),
+        "performance.misplaced_undersize": ("1", None),
+        "performance.misplaced_oversize": ("1", None),
+        "performance.cut_size": ("m", "mm"),
+        "performance.ecart_probable": ("m", "mm"),
+        "performance.imperfection": ("1", None),
     }
+    return {f"deck[{deck}].{name}": unit for name, unit in units.items()}
 
 
+PRODUCTS = ("undersize", "oversize")
 STREAMS = stream_of("undersize") | stream_of("oversize")
 REAL_OUTPUTS = {
     **STREAMS,
@@ -87,16 +104,22 @@ REAL_OUTPUTS = {
     "bed.depth_feed": ("m", "mm"),
     "bed.depth_discharge": ("m", "mm"),
     "bed.transport_velocity": ("m/s", None),
-    **bed_of_deck(1),
+    **figures_of_deck(1),
     "motion.throw_number": ("1", None),
     "performance.undersize_recovery": ("1", None),
     "performance.efficiency": ("1", None),
     "performance.cut_size": ("m", "mm"),
     "performance.ecart_probable": ("m", "mm"),
+    "motion.acceleration_number": ("1", None),
+    **{f"{name}.p{share}": ("m", "mm") for name in PRODUCTS for share in (80, 50)},
     "drive.power": ("W", "kW"),
+    "drive.exciter_force": ("N", "kN"),
     "balance.error": ("kg", "t"),
 }
-ALARMS = ("alarm.bed_depth", "alarm.capacity", "alarm.transport", "alarm.performance")
+ALARMS = tuple(
+    f"alarm.{name}"
+    for name in ("bed_depth", "capacity", "transport", "performance", "plausibility")
+)
 TUNABLE = {
     "deck[1].panel[1].inclination": ("rad", "deg"),
     "deck[1].panel[1].open_area": ("1", None),
@@ -141,7 +164,9 @@ CONSTANT = "size_classes.subdivision"
 BELOW = {
     **stream_of("intermediate[1]"),
     "intermediate[1].mass": ("kg", "t"),
-    **bed_of_deck(2),
+    "intermediate[1].p80": ("m", "mm"),
+    "intermediate[1].p50": ("m", "mm"),
+    **figures_of_deck(2),
 }
 # Factor from the unit to its display unit.
 DISPLAY = {
@@ -152,6 +177,7 @@ DISPLAY = {
     "1/min": 60.0,
     "t/m3": 0.001,
     "kW": 0.001,
+    "kN": 0.001,
 }
 # A plain feed of the default classes.
 EVEN = dict.fromkeys((f"feed.mass_fraction[{i}]" for i in FRACTIONS), 1.0 / N)
@@ -673,8 +699,9 @@ def test_two_decks_are_those_of_the_engine_bit_for_bit(lower: Instance) -> None:
             ("intermediate[1]", result.intermediate[0].mass_fraction),
         ):
             expected |= {f"{stream}.mass_fraction[{i}]": fractions[i - 1] for i in FRACTIONS}
-        for deck, bed in enumerate(result.decks, start=1):
-            expected |= {f"deck[{deck}].bed.{key}": value for key, value in vars(bed).items()}
+        for deck, of_deck in enumerate(result.decks, start=1):
+            for figure in DECK:
+                expected[f"deck[{deck}].{figure.name}"] = getattr(of_deck, figure.scalar)
         assert {name: found[name] for name in expected} == expected
         # nothing is lost between the decks
         fed = found["feed.mass"]
@@ -753,7 +780,7 @@ def test_outputs_hold_when_initialisation_ends(screen: Instance) -> None:
     throw, velocity = screen.get(["motion.throw_number", "bed.transport_velocity"])
     assert throw > 1.0
     assert velocity > 0.0
-    assert screen.slave.getBoolean(screen.references(ALARMS)) == [False] * 4
+    assert screen.slave.getBoolean(screen.references(ALARMS)) == [False] * len(ALARMS)
     # and they change with nothing but a step
     before = screen.get(list(REAL_OUTPUTS))
     screen.set({"feed.mass_flow_rate": 20.0, "motion.frequency": 12.0})
@@ -847,7 +874,7 @@ def test_tunable_parameters_count_from_the_next_step_on(screen: Instance) -> Non
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"deck[1].panel[1].aperture": 16.0}, r"deck[1].panel[1].aperture = 16 m is larger"),
+        ({"deck[1].panel[1].aperture": 16.0}, r"deck[1].panel[1].aperture = 16 m is out of range"),
         (
             {"deck[1].panel[1].inclination": 0.6, "deck[1].width": 2.0},
             "a rigid body would run away",
@@ -1026,7 +1053,7 @@ print("ended at", run["time"][-1])
 
 def test_simulate_fmu_of_fmpy_ends_early_without_an_exception(fmu: Path) -> None:
     """As the page says; the message is there for those who switch logging on."""
-    said = "[ERROR] feed.mass_flow_rate = -3 kg/s is out of range (0 to 1e+06 kg/s): "
+    said = "[ERROR] feed.mass_flow_rate = -3 kg/s is out of range (0 to 5000 kg/s): "
     loud, silent = (run_python(ENDS_EARLY, fmu, log) for log in ("log", "no log"))
     assert loud[-1] == silent[-1] == "ended at 5.0"
     assert len([line for line in loud if line.startswith(said)]) == 1
@@ -1069,6 +1096,30 @@ def test_the_efficiency_stays_without_feed_and_is_never_nan(screen: Instance) ->
     screen.set({"feed.mass_flow_rate": 80.0, **coarse})
     screen.step(5.0)
     assert screen.get(efficiency) == [running]
+
+
+def test_alarms_that_come_on_are_told_once_with_their_reason(screen: Instance) -> None:
+    """A bed that gets deep, stays so, gets thin, and deep again; frequency beyond what is built."""
+
+    def told() -> list[tuple[int, str, str]]:
+        warned = [line for line in screen.log if line[1] == "logStatusWarning"]
+        screen.log.clear()
+        return [line for line in warned if not line[2].startswith("alarm.performance")]
+
+    screen.step(60.0)
+    assert told() == []
+    for rate, lines in ((180.0, 1), (180.0, 0), (60.0, 0), (180.0, 1)):
+        screen.set({"feed.mass_flow_rate": rate})
+        screen.step(60.0)
+        found = told()
+        assert len(found) == lines
+        for status, _, message in found:
+            assert status == fmi2.fmi2Warning
+            assert re.match(r"alarm\.bed_depth: the bed of deck 1 is 0\.\d+ m deep", message)
+            assert "more than 5 apertures (0.08 m): feed less" in message
+    screen.set({"feed.mass_flow_rate": 60.0, "motion.frequency": 25.0})
+    screen.step(1.0)
+    assert [line[2].partition(" (")[0] for line in told()] == ["alarm.plausibility: K = 12.58"]
 
 
 def test_a_start_in_the_steady_state_has_its_efficiency(make: Callable[[], Instance]) -> None:
@@ -1335,12 +1386,12 @@ print(library.library().parent == library.FOLDER, "numba" in sys.modules, "llvml
 
 
 def run_python(script: str, *arguments: Path | str) -> list[str]:
-    """Lines that a script prints in a process of its own, which must end well."""
+    """Lines that a script prints in a process of its own, which must end well; without alarms."""
     script = f"import sys\n{script}"
     command = [sys.executable, "-W", "error", "-c", script, *map(str, arguments)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    return run.stdout.splitlines()
+    return [line for line in run.stdout.splitlines() if not line.startswith("[WARNING] alarm.")]
 
 
 def test_twenty_processes_end_well(fmu: Path, two_decks: Path) -> None:
@@ -1420,7 +1471,7 @@ def test_the_command_tells_of_a_folder_that_ends_a_host(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[size_classes]\nedges = [0, 1]\n", "size_classes.edges is unknown"),
+        ("[size_classes]\nedges = [0, 1]\n", "size_classes.edges = [0, 1] is unknown"),
         ("name = 1", "size_classes is missing"),
     ],
 )

@@ -15,6 +15,7 @@ from PIL import Image
 from tests.places import SCREENS
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
+from vibroscreen.figures import DECK
 from vibroscreen.layout import Layout
 from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import Screen
@@ -67,10 +68,10 @@ def test_every_place_has_one_port(decks: int, panels: int) -> None:
     rows = ports(with_panels(*(panels,) * decks))
     assert [port.reference for port in rows] == list(range(len(rows)))
     assert len({port.name for port in rows}) == len(rows)
-    # 31 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 20 outputs; 3 streams;
-    # 4 of every bed; rate, mass and composition of what leaves over a lower deck
+    # 31 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 27 outputs; 3 streams;
+    # 17 of every deck; rate, mass, sizes and composition of what leaves over a lower deck
     assert len(rows) == (
-        31 + 6 + decks * (1 + 5 * panels) + 6 + 20 + 3 * 3 + 4 * decks + (decks - 1) * (2 + 3)
+        31 + 6 + decks * (1 + 5 * panels) + 6 + 27 + 3 * 3 + 17 * decks + (decks - 1) * (4 + 3)
     )
 
 
@@ -144,11 +145,16 @@ def test_outputs_of_decks_are_those_of_the_screen() -> None:
     for k, stream in enumerate(result.intermediate, start=1):
         assert stream.mass_flow_rate > 0.0
         expected[f"intermediate[{k}].mass_flow_rate"] = stream.mass_flow_rate
+        for name in ("p80", "p50"):
+            size = getattr(screen.record("intermediate")[k - 1], name)
+            assert 0.0 < size < 20 * MM
+            expected[f"intermediate[{k}].{name}"] = size
         expected[f"intermediate[{k}].mass"] = screen.balance()[f"intermediate_{k}"].sum()
         for i, fraction in enumerate(stream.mass_fraction, start=1):
             expected[f"intermediate[{k}].mass_fraction[{i}]"] = fraction
-    for d, bed in enumerate(result.decks, start=1):
-        expected |= {f"deck[{d}].bed.{key}": value for key, value in vars(bed).items()}
+    for d, deck in enumerate(result.decks, start=1):
+        for figure in DECK:
+            expected[f"deck[{d}].{figure.name}"] = getattr(deck, figure.scalar)
     own = {name for name in outputs if name.startswith(("intermediate[", "deck["))}
     assert own == set(expected)
     for name, value in expected.items():
@@ -159,9 +165,22 @@ def test_outputs_of_decks_are_those_of_the_screen() -> None:
 def test_outputs_of_decks_are_told_with_unit_and_meaning(decks: int) -> None:
     found = table(with_panels(*(1,) * decks))
     for d in range(1, decks + 1):
-        units = {"hold_up": "kg", "depth_feed": "m", "depth_discharge": "m"}
-        for short, unit in (units | {"transport_velocity": "m/s"}).items():
-            port = found[f"deck[{d}].bed.{short}"]
+        units = {
+            "bed.hold_up": "kg",
+            "bed.depth_feed": "m",
+            "bed.depth_over_aperture_discharge": "1",
+            "bed.transport_velocity": "m/s",
+            "motion.throw_number": "1",
+            "performance.oversize_rate": "kg/s",
+            "performance.efficiency": "1",
+            "performance.misplaced_undersize": "1",
+            "performance.misplaced_oversize": "1",
+            "performance.cut_size": "m",
+            "performance.ecart_probable": "m",
+            "performance.imperfection": "1",
+        }
+        for short, unit in units.items():
+            port = found[f"deck[{d}].{short}"]
             assert (port.unit, port.causality, port.variability) == (unit, "output", "continuous")
             assert port.start is None
             assert f"deck {d}" in port.description
@@ -194,7 +213,7 @@ def test_limits_are_those_of_the_configuration(config: ScreenConfig) -> None:
     found = table(config)
     limits = {name: (port.least, port.most) for name, port in found.items()}
     assert limits["solver.tolerance"] == (1e-9, 1e-1)
-    assert limits["deck[1].panel[1].open_area"] == (0.0, 1.0)
+    assert limits["deck[1].panel[1].open_area"] == (0.0, 0.95)
     assert limits["feed.mass_flow_rate"][0] == 0.0
     assert limits["feed.mass_fraction[1]"] == (0.0, 1.0)
     assert limits["motion.ellipticity"] == (-1.0, 1.0)
@@ -267,7 +286,7 @@ def test_changes_are_checked_as_a_whole(config: ScreenConfig) -> None:
         ),
         ("deck[1].panel[1].aperture", math.nan, r"^deck\[1\]\.panel\[1\]\.aperture = nan m"),
         ("deck[1].panel[1].inclination", 80 * DEG, r"^deck\[1\]\.panel\[1\]\.inclination = 1\.39"),
-        ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is out of range \(above 0 to 100 m\)"),
+        ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is out of range \(above 0 to 10 m\)"),
         ("material.bulk_density", 1.6, r"^material\.bulk_density = 1\.6 kg/m3"),
     ],
 )

@@ -80,7 +80,7 @@ from vibroscreen import Feed, Motion, Screen, ScreenConfig
 for path in sys.argv[1:]:
     screen = Screen(ScreenConfig.load(path))
     rng = random.Random(7)
-    found = hashlib.sha256()
+    found, streams = hashlib.sha256(), hashlib.sha256()
     for _ in range(300):
         share = [rng.random() for _ in range(screen.config.size_classes.count)]
         whole = fsum(share)
@@ -92,18 +92,27 @@ for path in sys.argv[1:]:
             motion = Motion.linear(amplitude, frequency, 0.785)
         step = screen.step(rng.uniform(0.2, 3), feed, motion)
         for stream in (step.undersize, step.oversize, *step.intermediate):
-            found.update(np.float64(stream.mass_flow_rate).tobytes())
-            found.update(np.ascontiguousarray(stream.mass_fraction).tobytes())
+            for hashed in (found, streams):
+                hashed.update(np.float64(stream.mass_flow_rate).tobytes())
+                hashed.update(np.ascontiguousarray(stream.mass_fraction).tobytes())
         figures = step.hold_up, step.cut_size, step.drive_power, step.undersize_recovery
         found.update(np.array(figures).tobytes())
     steady = screen.solve_steady()
     found.update(steady.recovery.tobytes())
     found.update(np.float64(steady.cut_size).tobytes())
-    print(found.hexdigest()[:16])
+    print(found.hexdigest()[:16], streams.hexdigest()[:16])
 """
 # Of version 0.4.0, where numba compiled kernel by kernel: how kernels are compiled changes no bit.
-# The last one, the DEM plate, is younger: its law of passage changed.
-BITS = ["699ae2bb575690d0", "e17f9c73e58c3b4f", "589379f6430c45e9", "0d6fb5b9bef320fc"]
+# First all that is hashed, then the streams alone. The first of `two_deck` was e17f9c73e58c3b4f: the
+# recovery and the cut size of several decks are those of the top deck since, in which what passed
+# it counts, not what left the box; its streams are those of 0.4.0. The plate of the particle
+# simulations is younger: its law of passage changed.
+BITS = [
+    ["699ae2bb575690d0", "0ae97e6e0f000f9a"],
+    ["128d06d59f5766d0", "9f2f4ef377996882"],
+    ["589379f6430c45e9", "d85b7a1849f0053a"],
+    ["0d6fb5b9bef320fc", "88a5fcbf255021bd"],
+]
 WALKED = [SCREENS / f"{name}.toml" for name in ("quarry", "two_deck", "banana", "dem_plate")]
 
 
@@ -114,6 +123,10 @@ def _fresh(script: str, *arguments: object, **settings: str) -> str:
     done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def _walked(**settings: str) -> list[list[str]]:
+    return [line.split() for line in _fresh(WALK, *WALKED, **settings).splitlines()]
 
 
 def test_the_library_needs_no_compiler() -> None:
@@ -142,9 +155,9 @@ def test_the_build_is_that_of_the_processor() -> None:
 
 def test_all_ways_to_run_the_engine_give_the_same_bits() -> None:
     """The library for a plain processor and for this one, and the engine compiled in memory."""
-    assert _fresh(WALK, *WALKED).split() == BITS
-    assert _fresh(WALK, *WALKED, VIBROSCREEN_PROCESSOR="plain").split() == BITS
-    assert _fresh(WALK, *WALKED, VIBROSCREEN_ENGINE="jit").split() == BITS
+    assert _walked() == BITS
+    assert _walked(VIBROSCREEN_PROCESSOR="plain") == BITS
+    assert _walked(VIBROSCREEN_ENGINE="jit") == BITS
 
 
 def test_an_unknown_engine_is_refused() -> None:

@@ -497,7 +497,7 @@ def test_command_line_tells_errors(tmp_path: Path) -> None:
     assert "none.csv" in bad.stderr
     solved = run(app, ["solve", str(toml)])
     assert solved.exit_code == 0
-    assert "undersize recovery" in solved.output
+    assert "deck 1, " in solved.output
 
 
 def test_command_line_without_its_extra() -> None:

@@ -28,7 +28,7 @@ def run(buffer, command, first, second):
     if command == SOLVE_MANY:
         steady.solve_many(buffer, int(first), second)
     elif command == READ:
-        outputs.read_partition(buffer)
+        outputs.read_sizes(buffer)
     elif command == PLACE_NODES:
         steady.place_nodes(buffer)
     elif command == START_BELOW:

@@ -12,6 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
+from vibroscreen.figures import ALARMS as ALARM_FIGURES
+from vibroscreen.figures import BETWEEN, BOX
+from vibroscreen.figures import DECK as OF_DECK
 from vibroscreen.variables import INPUTS, PANELS, PARAMETERS, Variable
 
 
@@ -24,20 +27,20 @@ def _record(row: Iterable[Variable]) -> Record:
 # What a user says, from the fields of the configuration.
 PARAMETER, PANEL, INPUT = _record(PARAMETERS), _record(PANELS), _record(INPUTS)
 
-OUTPUT = Record(
-    "undersize_rate oversize_rate feed_mass undersize_mass oversize_mass hold_up depth_feed",
-    "depth_discharge transport_velocity throw_number undersize_recovery efficiency cut_size",
-    "ecart_probable drive_power balance_error alarm_bed_depth alarm_capacity alarm_transport",
-    "alarm_performance",
+# What a screen gives (figures.py): of the box, of every stream between two decks, of every deck.
+OUTPUT, INTERMEDIATE, DECK_RESULT = (
+    Record(*(figure.scalar for figure in row)) for row in (BOX, BETWEEN, OF_DECK)
 )
-
-# Outputs of every stream between two decks, and of the bed on every deck.
-INTERMEDIATE = Record(
-    "rate mass",
+# Alarms by name, and why one is set, by texts of errors.py; 0 where it is not.
+ALARMS = Places(0, *(alarm.scalar.removeprefix("alarm_") for alarm in ALARM_FIGURES))
+ALARM_COUNT, FIRST_ALARM = len(ALARMS), OUTPUT.index(ALARM_FIGURES[0].scalar)
+REASONS = Places(
+    1,
+    "deep_bed full_layers not_conveyed beyond_bed high_throw unchecked_motion nothing_fed",
+    "no_crossing implausible_depth implausible_velocity implausible_motion",
 )
-DECK_BED = Record(
-    "hold_up depth_feed depth_discharge transport_velocity",
-)
+# deck: counted from 1, 0 for the box.
+ALARM = Record("reason deck value limit other")
 
 # Numbers of passage and segregation, which sub-models read under the name of their field; the two
 # velocities under the whole one.
@@ -75,17 +78,18 @@ SCENE = Record(
 OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _LAWS.items())
 FIXED_SCENE = SCENE.index("layer_full")
 
-# Book-keeping of one deck.
+# Book-keeping of one deck. unfed: 1 where nothing finer than its aperture came in the last step;
+# first_load: of a slice of a lower deck, what lies on the first cell, kg/m2.
 DECK = Record(
     "packages cells cohort_on cohort_front cohort_fed covered leaders lead_panel knots knot",
     "pile_open pile_rear lead_layers partial_layers step order pace wide rows first_pace",
-    "share capacity_alarm",
+    "share capacity_alarm unfed first_load",
     whole="packages cells leaders lead_panel knots knot lead_layers partial_layers order rows",
 )
 
-# What an instance remembers besides.
+# What an instance remembers besides; duration: of the step whose masses step_mass holds, s.
 MEMORY = Record(
-    "settled unread",
+    "settled unread duration",
 )
 
 # A step of the column at hand: how long the whole lasts and what is left of it, and a step that is
@@ -130,15 +134,13 @@ ACCEPTED = 0
 REFUSED = Places(
     1,
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice short_deck",
-    "unequal_decks off_table too_steep no_velocity no_conveying no_feed",
+    "unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
 )
 REFUSAL = Record("code", "index", "value", "limit")
 
-# What a steady solution gives besides the class rates of its streams.
-FIGURE = Record(
-    "code index value limit transport_velocity residence_time hold_up undersize_recovery",
-    "cut_size ecart_probable",
-)
+# What one of many steady solutions gives first: whether it was refused. Behind it come outputs,
+# results of decks, streams between them, alarms and the class rates of all streams.
+FIGURE = Record("code index value limit residence_time")
 
 MAX_ORDER = 8
 MAX_HARMONICS = 4
@@ -160,7 +162,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "oversize_fraction": ("classes",),
         "intermediate": ("lower_decks", INTERMEDIATE),
         "intermediate_fraction": ("lower_decks", "classes"),
-        "deck_bed": ("decks", DECK_BED),
+        "deck_result": ("decks", DECK_RESULT),
     },
     "constants": {
         "switch": (SWITCH,),
@@ -188,6 +190,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "held": ("classes",),
         "steady_rate": ("streams", "classes"),
         "memory": (MEMORY,),
+        "alarm": (ALARM_COUNT, ALARM),
         # of the last step: undersize of every deck, then oversize of every deck, kg
         "step_mass": ("deck_streams", "nodes"),
         "last_seen": ("seen",),
@@ -361,9 +364,15 @@ def intermediate(buffer, deck):
 
 
 @kernel
-def deck_bed(buffer, deck):
-    """Outputs of the bed on a deck."""
-    return record(buffer, int(buffer[AT.deck_bed]) + deck * len(DECK_BED), DECK_BED)
+def deck_result(buffer, deck):
+    """Outputs of a deck."""
+    return record(buffer, int(buffer[AT.deck_result]) + deck * len(DECK_RESULT), DECK_RESULT)
+
+
+@kernel
+def alarm(buffer, place):
+    """Why an alarm is set."""
+    return record(buffer, int(buffer[AT.alarm]) + place * len(ALARM), ALARM)
 
 
 @kernel

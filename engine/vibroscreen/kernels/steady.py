@@ -4,6 +4,8 @@ No packages are needed: a slice of a lower deck starts empty and takes up what f
 from the knots of the deck above (MODEL.md, "Steady state and batches").
 """
 
+from math import nan
+
 from vibroscreen.compiler.language import kernel, numbers, record
 from vibroscreen.kernels import changes, checks, outputs, state, step
 from vibroscreen.kernels.bed import classes, falls, front, travel
@@ -120,7 +122,7 @@ def solve_steady(buffer):
 
     Afterwards `step_mass` and `class_mass` hold the streams [kg/s] by node and class, `recovery`
     the part of each class that reaches the undersize, 0 for one that is not fed, `hold_up_work`
-    what lies on every deck [kg], and the outputs are those of a steady step.
+    what lies on every deck [kg], and all outputs are those of a steady step.
     """
     place = int(buffer[state.AT.input])
     if state.inputs(buffer).feed_mass_flow_rate <= 0.0:
@@ -135,9 +137,27 @@ def solve_steady(buffer):
             return checks.refuse(buffer, state.REFUSED.no_conveying, place, frequency, 0.0)
     solve_decks(buffer)
     step.sum_streams(buffer, 1.0)
-    outputs.write_streams(buffer, 1.0)
+    write_outputs(buffer)
     write_class_recovery(buffer)
     return state.ACCEPTED
+
+
+@kernel
+def write_outputs(buffer):
+    """Outputs of the steady state: those of a step of 1 s; nan for what there is nothing of."""
+    decks = state.extent(buffer).decks
+    vectors.fill(numbers(state.outputs(buffer)), nan)
+    for deck in range(decks):
+        vectors.fill(numbers(state.deck_result(buffer, deck)), nan)
+        if deck > 0:
+            vectors.fill(numbers(state.intermediate(buffer, deck - 1)), nan)
+        state.book(buffer, deck).covered = 1.0  # the slice is at the discharge
+        front.watch_capacity(buffer, deck)
+    outputs.write_streams(buffer, 1.0)
+    outputs.write_state(buffer, vectors.total(state.scalars(buffer, state.AT.hold_up_work, decks)))
+    outputs.read_sizes(buffer)
+    for deck in range(decks):
+        state.book(buffer, deck).covered = 0.0
 
 
 @kernel
@@ -153,6 +173,15 @@ def write_class_recovery(buffer):
 
 
 @kernel
+def result_size(buffer):
+    """Numbers in a row of many steady solutions."""
+    decks = state.extent(buffer).decks
+    size = len(state.FIGURE) + len(state.OUTPUT) + decks * len(state.DECK_RESULT)
+    size += (decks - 1) * len(state.INTERMEDIATE) + state.ALARM_COUNT * len(state.ALARM)
+    return size + (state.OVER + decks) * state.extent(buffer).classes
+
+
+@kernel
 def solve_many(buffer, count, rebuild):
     """Steady states of the first `count` rows of `design`, into `design_result`.
 
@@ -162,7 +191,7 @@ def solve_many(buffer, count, rebuild):
     size = int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
     setting = state.scalars(buffer, state.AT.parameter, size)
     harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
-    masses, figures = state.streams(buffer, state.AT.class_mass), len(state.FIGURE)
+    row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
         other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
@@ -174,25 +203,43 @@ def solve_many(buffer, count, rebuild):
             seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         if code == state.ACCEPTED:
             code = solve_steady(buffer)
-        result = state.vector(buffer, state.AT.design_result, figures + masses.size, row)
+        result = state.vector(buffer, state.AT.design_result, row_size, row)
         vectors.fill(result, 0.0)
         if code != state.ACCEPTED:
             vectors.copy(result[: len(state.REFUSAL)], numbers(state.refusal(buffer)))
         else:
-            write_figures(buffer, record(result, 0, state.FIGURE))
-            vectors.copy(result[figures:], masses)
+            figure = record(result, 0, state.FIGURE)
+            figure.residence_time = travel.residence_time(buffer, 0)
+            write_result(buffer, result)
 
 
 @kernel
-def write_figures(buffer, figure):
-    outputs.read_partition(buffer)
-    output, scene = state.outputs(buffer), state.scene(buffer, state.AT.scene, 0, 0)
-    decks = state.extent(buffer).decks
-    figure.transport_velocity = scene.transport_velocity
-    figure.residence_time = travel.residence_time(buffer, 0)
-    figure.hold_up = vectors.total(state.scalars(buffer, state.AT.hold_up_work, decks))
-    figure.undersize_recovery = output.undersize_recovery
-    figure.cut_size, figure.ecart_probable = output.cut_size, output.ecart_probable
+def write_result(buffer, result):
+    """A row of many steady solutions behind its FIGURE: outputs, alarms, streams."""
+    decks, classes = state.extent(buffer).decks, state.extent(buffer).classes
+    place = len(state.FIGURE)
+    place = put(buffer, state.AT.output, len(state.OUTPUT), result, place)
+    place = put(buffer, state.AT.deck_result, decks * len(state.DECK_RESULT), result, place)
+    place = put(buffer, state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE), result, place)
+    place = put(buffer, state.AT.alarm, state.ALARM_COUNT * len(state.ALARM), result, place)
+    put(buffer, state.AT.class_mass, (state.OVER + decks) * classes, result, place)
+
+
+@kernel
+def put(buffer, at, size, result, place):
+    """Copy a field of the buffer to a place of a row; returns the place behind it."""
+    vectors.copy(result[place : place + size], state.scalars(buffer, at, size))
+    return place + size
+
+
+@kernel
+def lay_first_cell(buffer, deck):
+    """Find what lies on the first cell of a lower deck, which a step calls its feed end."""
+    start_slice(buffer, deck)
+    follow(buffer, deck, travel.cell_end(buffer, deck, 0))
+    book = state.book(buffer, deck)
+    laid = bed_load(state.column(buffer, state.AT.partial, deck), book.partial_layers)
+    book.first_load = laid / travel.cell_length(buffer, deck, 0)
 
 
 @kernel
@@ -202,6 +249,7 @@ def solve_decks(buffer):
     hold_up = state.scalars(buffer, state.AT.hold_up_work, decks)
     for deck in range(decks):
         if deck > 0:
+            lay_first_cell(buffer, deck)
             start_slice(buffer, deck)
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))

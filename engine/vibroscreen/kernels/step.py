@@ -84,7 +84,7 @@ def advance(buffer, duration):
     count_held(buffer)
     outputs.write_streams(buffer, duration)
     outputs.write_sums(buffer)
-    outputs.write_state(buffer)
+    outputs.write_state(buffer, outputs.held_in_total(buffer))
     if settled and steady_scene:
         memory.settled = 1.0
         rate = state.streams(buffer, state.AT.steady_rate)
@@ -118,5 +118,5 @@ def initialise(buffer):
         held = state.class_vector(buffer, state.AT.held, 0)
         vectors.copy(state.class_vector(buffer, state.AT.initial_mass, 0), held)
         outputs.write_streams(buffer, 1.0)
-    outputs.write_state(buffer)
+    outputs.write_state(buffer, outputs.held_in_total(buffer))
     return state.ACCEPTED

@@ -65,7 +65,7 @@ typedef struct {
 /* What the braces of a text stand for. */
 typedef struct {
     const char *name, *unit, *range, *cure, *kind, *other;
-    double value, limit, other_limit, number;
+    double value, limit, other_limit, number, meant;
 } Told;
 
 /* --- messages --------------------------------------------------------------------------------- */
@@ -116,6 +116,7 @@ static double number_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "value")) return told->value;
     if (is(key, n, "limit")) return told->limit;
     if (is(key, n, "other_limit")) return told->other_limit;
+    if (is(key, n, "meant")) return told->meant;
     if (is(key, n, "degrees")) return told->value / DEGREE;
     if (is(key, n, "slope")) return tan(told->value);
     return told->number;
@@ -123,8 +124,8 @@ static double number_named(const char *key, size_t n, const Told *told) {
 
 static const char *text_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "name")) return told->name;
+    if (is(key, n, "unit")) return told->unit;
     if (is(key, n, "range")) return told->range;
-    if (is(key, n, "cure")) return told->cure;
     if (is(key, n, "kind")) return told->kind;
     return told->other;
 }
@@ -143,19 +144,27 @@ static void tell(Message *message, const char *text, const Told *told) {
             add_text(message, told->name);
             add_text(message, " = ");
             add_with_unit(message, told->value, told->unit);
-        } else add_text(message, text_named(key, n, told));
+        } else if (is(key, n, "cure")) tell(message, told->cure, told);
+        else add_text(message, text_named(key, n, told));
         text = key + strcspn(key, "}") + 1;
     }
 }
 
-static void say(const Screen *screen, fmi2Status status, const char *text, Told told) {
+/* Log a text behind a title, if there is one. */
+static void say_of(const Screen *screen, fmi2Status status, const char *title, const char *text, Told told) {
     if (!screen->logger || !(screen->logging & (status == fmi2Warning ? WARNINGS : ERRORS))) return;
     Message message = {.used = 0};
+    add_text(&message, title);
+    add_text(&message, title ? ": " : "");
     tell(&message, text, &told);
     /* A host takes the message for a format; some show it as it is. Both get what was meant. */
     const char *format = strchr(message.text, '%') ? "%s" : message.text;
     const char *category = status == fmi2Warning ? "logStatusWarning" : "logStatusError";
     screen->logger(screen->environment, screen->name, status, category, format, message.text);
+}
+
+static void say(const Screen *screen, fmi2Status status, const char *text, Told told) {
+    say_of(screen, status, NULL, text, told);
 }
 
 static const char *word(const Screen *screen, int32_t place) { return screen->sheet.word + place; }
@@ -170,6 +179,13 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 }
 
 /* --- the engine ------------------------------------------------------------------------------- */
+/* Whether a value is far out of its range, and in it as a number of the unit that it is mistaken for. */
+static int in_another_unit(const double *buffer, int64_t place, Told told) {
+    const double *range = buffer + (int64_t) buffer[AT_LIMIT] + 2 * (place - PARAMETERS);
+    int far = fabs(told.value) > FAR * fmax(fabs(range[0]), fabs(range[1])) || told.value < range[0] / FAR;
+    return far && range[0] <= told.meant && told.meant <= range[1];
+}
+
 /* Tell what the kernels refuse. */
 static fmi2Status judge(const Screen *screen, const Laid *laid, int64_t code) {
     if (code < 0 || code >= screen->sheet.codes)
@@ -182,8 +198,10 @@ static fmi2Status judge(const Screen *screen, const Laid *laid, int64_t code) {
     Told told = {
         .name = word(screen, variable->name), .unit = word(screen, variable->unit),
         .range = word(screen, variable->range), .value = refusal[2], .limit = refusal[3], .number = buffer[place],
-        .cure = word(screen, text == TEXT_TOO_LARGE ? variable->cure_of_large : variable->cure),
+        .cure = word(screen, variable->cure), .meant = refusal[2] * screen->sheet.other_unit[place - PARAMETERS],
     };
+    if ((text == TEXT_TOO_SMALL || text == TEXT_TOO_LARGE) && in_another_unit(buffer, place, told))
+        told.cure = word(screen, variable->question);
     return refuse(screen, text, told);
 }
 
@@ -192,11 +210,38 @@ static fmi2Status run(const Screen *screen, const Laid *laid, int command, doubl
     return judge(screen, laid, vibroscreen_run(laid->buffer, laid->at.size, command, first, 0));
 }
 
+/* Where the alarms stand among the variables. */
+static int64_t alarm_place(const double *buffer) { return (int64_t) buffer[AT_OUTPUT] + FIRST_ALARM; }
+
+/* Which alarms are set, a bit each. */
+static unsigned alarms_of(const double *buffer) {
+    unsigned set = 0;
+    for (int k = 0; k < ALARMS; k++) set |= (unsigned) (buffer[alarm_place(buffer) + k] != 0) << k;
+    return set;
+}
+
+/* Tell why alarms came on that were not set before. */
+static void tell_alarms(const Screen *screen, unsigned before) {
+    const double *buffer = screen->laid.buffer, *why = buffer + (int64_t) buffer[AT_ALARM];
+    unsigned new = alarms_of(buffer) & ~before;
+    for (int k = 0; k < ALARMS; k++, why += WHY_SIZE) {
+        int64_t reason = (int64_t) why[WHY_REASON];
+        if (!(new >> k & 1) || reason < 1 || reason >= screen->sheet.reasons) continue;
+        Told told = {.value = why[WHY_VALUE], .limit = why[WHY_LIMIT], .other_limit = why[WHY_OTHER],
+                     .number = why[WHY_DECK]};
+        int text = screen->sheet.text_of_reason[reason];
+        const char *name = name_of(screen, alarm_place(buffer) + k - PARAMETERS);
+        say_of(screen, fmi2Warning, name, word(screen, screen->sheet.text[text]), told);
+    }
+}
+
 /* Outputs that are found only when they are read. */
 static void read_outputs(Screen *screen) {
     const double *buffer = screen->laid.buffer;
-    if (buffer[(int64_t) buffer[AT_MEMORY] + M_UNREAD] > 0)
-        run(screen, &screen->laid, COMMAND_READ, 0);
+    if (buffer[(int64_t) buffer[AT_MEMORY] + M_UNREAD] <= 0) return;
+    unsigned before = alarms_of(buffer);
+    run(screen, &screen->laid, COMMAND_READ, 0);
+    tell_alarms(screen, before);
 }
 
 /* A zeroed buffer of so many numbers, at a line of the processor's cache; what was allocated is told
@@ -462,6 +507,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     release(laid->buffer);
     *laid = made;
     screen->running = 1;
+    tell_alarms(screen, 0);
     return fmi2OK;
 }
 
@@ -483,8 +529,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real duration, fmi2Bool
     if (!(duration >= screen->sheet.figure[F_SHORTEST_STEP] && duration <= 1.7976931348623157e308))
         return refuse(screen, TEXT_NO_TIME, (Told) {.value = duration});
     if (duration > longest) return refuse(screen, TEXT_LONG_TIME, (Told) {.value = duration, .limit = longest});
+    unsigned before = alarms_of(screen->laid.buffer);
     fmi2Status status = run(screen, &screen->laid, COMMAND_ADVANCE, duration);
-    if (status == fmi2OK) screen->time = now + duration;
+    if (status != fmi2OK) return status;
+    screen->time = now + duration;
+    tell_alarms(screen, before);
     return status;
 }
 

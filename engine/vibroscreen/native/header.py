@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from vibroscreen.fields import FAR
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, READ
 from vibroscreen.kernels.physics.segregation import EXCHANGE
@@ -83,11 +84,15 @@ def header(engine: str, suffix: str) -> str:
         "OWN_MODELS": len(OWN),
         "TEXTS": len(texts()),
         "EXCHANGE": EXCHANGE,
+        "FAR": FAR,
         "COMMAND_INITIALISE": INITIALISE,
         "COMMAND_ADVANCE": ADVANCE,
         "COMMAND_READ": READ,
         "COMMAND_CHECK": CHECK,
         "ACCEPTED": state.ACCEPTED,
+        "ALARMS": state.ALARM_COUNT,
+        "FIRST_ALARM": state.FIRST_ALARM,
+        "WHY_SIZE": len(state.ALARM),
         "SETTABLE": SETTABLE,
         "FIXED": FIXED,
         **{f"KIND_{kind.upper()}": bit for kind, bit in KINDS.items() if kind != "Enumeration"},
@@ -106,6 +111,7 @@ def header(engine: str, suffix: str) -> str:
         _enumeration("P", state.PARAMETER),
         _enumeration("PANEL", state.PANEL),
         _enumeration("M", state.MEMORY),
+        _enumeration("WHY", state.ALARM),
         _enumeration("F", FIGURE),
         _enumeration("TEXT", texts()),
         f"static const char *const OWN_MODEL[] = {{{own}}};",

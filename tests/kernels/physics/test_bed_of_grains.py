@@ -270,7 +270,7 @@ def test_screen_moves_its_bed_at_the_velocity_of_the_model() -> None:
     one.step(20.0)
     regime: ConveyingRegime = conveying_regime(AGAINST_FLOW, 18.0 * DEG, 0.5, "bed")
     output = one.record("output")
-    assert one.record("deck_bed")[0].transport_velocity == regime.velocity > 0.3
+    assert one.record("deck_result")[0].transport_velocity == regime.velocity > 0.3
     assert output.drive_power > 0.0
     assert output.alarm_transport == 0.0
 
@@ -279,7 +279,7 @@ def test_steep_deck_conveys_with_an_alarm() -> None:
     with pytest.warns(UserWarning, match="take its velocity as a guess"):
         one = screen(20.0 * DEG, AGAINST_FLOW, friction=0.3)
     one.step(5.0)
-    assert 0.5 < one.record("deck_bed")[0].transport_velocity < 3.0
+    assert 0.5 < one.record("deck_result")[0].transport_velocity < 3.0
     assert one.record("output").alarm_transport == 1.0
 
 
@@ -287,7 +287,7 @@ def test_deck_that_conveys_uphill_stops_its_bed() -> None:
     one = screen(0.0, AGAINST_FLOW)
     one.step(5.0)
     assert velocity(AGAINST_FLOW) < 0.0
-    assert one.record("deck_bed")[0].transport_velocity == 0.0
+    assert one.record("deck_result")[0].transport_velocity == 0.0
     assert one.record("output").alarm_transport == 1.0
 
 

@@ -370,6 +370,14 @@ def end_cell(buffer, deck, cell):
 
 # --- the cohort ----------------------------------------------------------------------------------
 @kernel
+def watch_capacity(buffer, deck):
+    """Note where the bed of a deck is deeper at the feed end than its layers can hold."""
+    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
+    if state.extent(buffer).layered > 0 and deep:
+        state.book(buffer, deck).capacity_alarm = 1.0
+
+
+@kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
     book = state.book(buffer, deck)
@@ -379,9 +387,7 @@ def stream_of_covered_deck(buffer, deck, duration):
     width = travel.deck_width(buffer, deck)
     passing = width * travel.panel_velocity(buffer, deck, 0) * duration
     leaving = width * travel.panel_velocity(buffer, deck, last) * duration
-    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
-    if state.extent(buffer).layered > 0 and deep:
-        book.capacity_alarm = 1.0
+    watch_capacity(buffer, deck)
     passed = state.node_vector(buffer, state.AT.lead_passed, deck)
     vectors.add(falls.undersize(buffer, deck), passing, passed)
     vectors.add(falls.fall_cohort(buffer, deck), passing, passed)

@@ -44,6 +44,8 @@ def depth_at_feed(buffer, deck):
     if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
         load = book.cohort_fed / travel.deck_width(buffer, deck)
         return load / (travel.panel_velocity(buffer, deck, 0) * density)
+    if book.first_load > 0.0:
+        return book.first_load / density  # of a slice alone
     if book.cells > 0.0:
         first = int(state.package_vector(buffer, state.AT.cell, deck)[0])
         return package.load_of(buffer, deck, first) / density
