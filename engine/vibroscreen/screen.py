@@ -10,7 +10,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
@@ -22,10 +22,10 @@ from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, R
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
 from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
-from vibroscreen.kernels.state import Layout
 from vibroscreen.kernels.steady import FEED_RATE
+from vibroscreen.layout import Layout
 from vibroscreen.motion import Motion
-from vibroscreen.results import Separation, StepResult, box_of, decks_of, reasons, separations
+from vibroscreen.results import Rows, StepResult, box_of, reasons
 from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
@@ -177,7 +177,6 @@ class Screen:
         """What the last step gave."""
         self.read()
         output = dict(zip(state.OUTPUT, self.view("output").tolist(), strict=True))
-        classes = self.config.size_classes.count
         return StepResult(
             undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
             oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
@@ -187,21 +186,20 @@ class Screen:
                     self.view("intermediate"), self.view("intermediate_fraction"), strict=True
                 )
             ),
-            decks=decks_of(self.view("deck_result"), self._separations(classes)),
             alarm_reasons=reasons(self.view("alarm")),
             size_classes=self.config.size_classes,
+            _rows=self._rows(),
             **box_of(output),
         )
 
-    def _separations(self, classes: int) -> list[Separation]:
-        """What came to every deck and left it in the last step, by node."""
-        duration = self._memory.duration
-        rates = self.view("step_mass") / duration if duration > 0.0 else self.view("step_mass")
-        place = self.view("last_seen").size - classes - 1
-        share = self.view("feed_fraction")
-        fed = share * self.view("last_seen")[place]
-        largest = [max(panel.aperture for panel in deck.panels) for deck in self.config.decks]
-        return separations(self.nodes, classes, fed, rates.copy(), share.copy(), largest)
+    def _rows(self) -> Rows:
+        """What came to every deck and left it in the last step, by node, and its figures."""
+        duration, classes = self._memory.duration, self.config.size_classes.count
+        rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
+        seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
+        fed = share * seen[seen.size - classes - 1]
+        figures = self.view("deck_result").copy()
+        return Rows(self.nodes, classes, figures, fed, rates, share, self.config.largest_apertures)
 
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""
@@ -368,13 +366,6 @@ def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 
             "knots": KNOTS if len(config.decks) > 1 else 1,
             "falls": room if packages and len(config.decks) > 1 else 1,
             "designs": designs,
-            "recorded": 0,
-            "recorded_from": 0,
-            "parts": 0,
-            "part": 0,
-            "parts_from": 0,
-            "active": nodes,
-            "source_terms": 0,
             "displacement_work": WORK_SIZE,
             "displacement_address": registry.model(
                 "displacement", config.displacement.model
@@ -388,7 +379,7 @@ def _layout(config: ScreenConfig, nodes: int, *, packages: bool, designs: int = 
 def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | None = None) -> None:
     """Write a configuration into a buffer: parameters, duty and constants, nodes if given."""
 
-    def put(name: str, value: object) -> None:
+    def put(name: str, value: ArrayLike) -> None:
         layout.view(buffer, name)[...] = value
 
     put("parameter", [_parameter(config, variable) for variable in PARAMETERS])
@@ -402,7 +393,8 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("width", [deck.width for deck in config.decks])
     for d, deck in enumerate(config.decks):
         count = len(deck.panels)
-        layout.view(buffer, "panel")[d, :count] = [dataclasses.astuple(p) for p in deck.panels]
+        rows = np.array([dataclasses.astuple(panel) for panel in deck.panels])
+        layout.view(buffer, "panel")[d, :count] = rows
         layout.view(buffer, "panel_count")[d] = count
         length = np.array([panel.length for panel in deck.panels])
         share_cells(length, _cells(config), layout.view(buffer, "panel_cells")[d])
@@ -506,12 +498,13 @@ def refusal_of(
     if key == "bad_sum":
         return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
     variable = variable_at(layout, buffer, int(index))
+    most = layout.view(buffer, "limit")[int(index) - layout.section["parameters"].start, 1]
     text = told(
         key,
         name=variable.name,
         given=given(variable.name, value, variable.unit),
-        range=variable.range,
-        cure=variable.cure(key),
+        range=variable.range(most),
+        cure=variable.cure(key, most),
         value=value,
         limit=limit,
         degrees=value / DEG,

@@ -18,7 +18,7 @@ from vibroscreen.figures import ALARMS, DECK, BoxFigures, figures_of
 from vibroscreen.figures import Figure as Output
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import SOLVE_MANY, run
-from vibroscreen.kernels.state import Layout
+from vibroscreen.layout import Layout
 from vibroscreen.results import DeckResult, box_of, reasons
 from vibroscreen.screen import (
     check_supported,

@@ -76,18 +76,15 @@ class Variable:
         """Its unit, "1" for none."""
         return self.entry.unit if isinstance(self.entry, Number) else "1"
 
-    @property
-    def range(self) -> str:
-        """The limits in words, in brackets."""
-        if isinstance(self.entry, Number):
-            return self.entry.range
-        return f" (1 to {len(self.entry.names())})"
+    def range(self, most: float) -> str:
+        """The limits in words, in brackets; `most` is the largest number of a choice."""
+        return self.entry.range if isinstance(self.entry, Number) else f" (1 to {most:.0f})"
 
-    def cure(self, text: str) -> str:
-        """What to do about a value of which `text` (errors.TEXT) is told."""
+    def cure(self, text: str, most: float) -> str:
+        """What to do about a value of which `text` (errors.TEXT) is told; `most` as of `range`."""
         if isinstance(self.entry, Number):
             return self.entry.cure_of(text)
-        numbered = enumerate(self.entry.names(), start=1)
+        numbered = enumerate(self.entry.names()[: int(most)], start=1)
         return f"give {', '.join(f'{number} {name}' for number, name in numbered)}"
 
 

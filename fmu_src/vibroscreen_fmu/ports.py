@@ -16,7 +16,8 @@ import numpy as np
 from vibroscreen.config import ScreenConfig
 from vibroscreen.fields import Choice
 from vibroscreen.figures import BETWEEN, BOX, DECK, Figure
-from vibroscreen.kernels.state import DIMENSION, Layout
+from vibroscreen.kernels.state import DIMENSION
+from vibroscreen.layout import Layout
 from vibroscreen.screen import fill, nodes_of, settings_of
 from vibroscreen.variables import Variable
 from vibroscreen_fmu.port import Enumeration, Port

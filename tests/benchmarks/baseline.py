@@ -35,6 +35,7 @@ from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.physics.layer import layer_mass
 from vibroscreen.kernels.physics.passage import passage_probability
 from vibroscreen.kernels.physics.segregation import segregate
+from vibroscreen.layout import Layout
 from vibroscreen.screen import Inputs
 
 Array = NDArray[np.float64]
@@ -227,7 +228,7 @@ def march_cells(choice, numbers, node, cell, layers, feed, down, clock):
 
 
 # --- the scene, as the engine sees it ----------------------------------------------------------
-def slice_of(screen: Screen) -> tuple[state.Layout, Array]:
+def slice_of(screen: Screen) -> tuple[Layout, Array]:
     """Layout and buffer of the one slice that `solve_steady` follows (an internal of Screen)."""
     return screen._slice()
 

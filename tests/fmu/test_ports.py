@@ -16,7 +16,7 @@ from tests.places import SCREENS
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.figures import DECK
-from vibroscreen.kernels.state import Layout
+from vibroscreen.layout import Layout
 from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import Screen
 from vibroscreen.sections import Bed, Deck, Panel, Passage

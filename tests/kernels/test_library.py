@@ -15,6 +15,7 @@ import pytest
 from tests.places import ROOT, SCREENS
 from vibroscreen.compiler import whole
 from vibroscreen.compiler.language import kernel
+from vibroscreen.compiler.library import says
 from vibroscreen.kernels import library
 
 TINY = """
@@ -175,8 +176,8 @@ def test_the_stamp_follows_what_kernels_say() -> None:
     one = b'def f(x):\n    """Twice."""\n    return 2.0 * x\n'
     same = b'def f(x):\n    """Twice as much."""\n    # why\n    return (2.0  * x)\n'
     other = one.replace(b"2.0", b"2.5")
-    assert library.says(one) == library.says(same)
-    assert library.says(one) != library.says(other)
+    assert says(one) == says(same)
+    assert says(one) != says(other)
 
 
 def test_the_c_layer_has_a_stamp_of_its_own(monkeypatch, tmp_path: Path) -> None:

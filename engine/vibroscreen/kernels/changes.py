@@ -1,12 +1,13 @@
 """What changed since the last step: scenes and feed are brought up to date, and no more."""
 
-from vibroscreen.compiler.language import kernel, numbers, view2
+from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import split_classes
 from vibroscreen.kernels.bed.front import join_queue, start_cohort
 from vibroscreen.kernels.bed.package import part_cohorts
 from vibroscreen.kernels.bed.travel import panel_count
 from vibroscreen.kernels.checks import check, check_layers
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED
 from vibroscreen.kernels.scene import keep_scenes, prepare_scenes
@@ -28,33 +29,34 @@ OF_PANEL_DISPLACEMENT = (state.PANEL.index("inclination"), state.PANEL.index("ve
 
 
 @kernel
+def put(seen, place, x):
+    """Copy a vector into `seen` from a place on; returns the place behind it."""
+    vectors.copy(seen[place : place + x.size], x)
+    return place + x.size
+
+
+@kernel
 def look(buffer, seen):
     """Copy all that may change between steps to `seen`: motion first, feed last."""
-    parameter = numbers(state.parameters(buffer))
-    inputs = numbers(state.inputs(buffer))
-    place = 0
-    for k in range(1, inputs.size):
-        seen[place] = inputs[k]
-        place += 1
-    for k in range(parameter.size):
-        seen[place] = parameter[k]
-        place += 1
-    for deck in range(state.extent(buffer).decks):
-        for number in range(state.extent(buffer).panels):
-            panel = numbers(state.panel(buffer, deck, number))
-            for k in range(panel.size):
-                seen[place] = panel[k]
-                place += 1
-    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
-    for k in range(state.MAX_HARMONICS):
-        for part in range(5):
-            seen[place] = harmonic[k, part]
-            place += 1
-    rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
+    extent, inputs = state.extent(buffer), state.inputs(buffer)
+    place = put(seen, 0, numbers(inputs)[1:])
+    place = put(seen, place, numbers(state.parameters(buffer)))
+    panels = extent.decks * extent.panels * len(state.PANEL)
+    place = put(seen, place, state.scalars(buffer, state.AT.panel, panels))
+    place = put(seen, place, state.scalars(buffer, state.AT.harmonic, 5 * state.MAX_HARMONICS))
+    rate = max(0.0, inputs.feed_mass_flow_rate)
     seen[place] = rate
     fraction = state.class_vector(buffer, state.AT.fraction, 0)
     for k in range(fraction.size):
         seen[place + 1 + k] = fraction[k] if rate > 0.0 else 0.0
+
+
+@kernel
+def seen(buffer):
+    """What is seen now, and what was seen last."""
+    size = motion_part(buffer) + 1 + state.extent(buffer).classes
+    last = state.scalars(buffer, state.AT.last_seen, size)
+    return state.scalars(buffer, state.AT.seen_now, size), last
 
 
 @kernel
@@ -70,13 +72,8 @@ def differ(one, two, start, stop):
 def motion_part(buffer):
     """How many of the first numbers of `seen` are motion, parameters and panels."""
     panels = state.extent(buffer).decks * state.extent(buffer).panels
-    return (
-        len(state.INPUT)
-        - 1
-        + len(state.PARAMETER)
-        + panels * len(state.PANEL)
-        + 5 * state.MAX_HARMONICS
-    )
+    scalars = len(state.INPUT) - 1 + len(state.PARAMETER)
+    return scalars + panels * len(state.PANEL) + 5 * state.MAX_HARMONICS
 
 
 @kernel
@@ -91,13 +88,10 @@ def prepare(buffer, fresh):
         code = check_layers(buffer)
     if code != state.ACCEPTED:
         return code
-    size = motion_part(buffer) + 1 + state.extent(buffer).classes
-    now = state.scalars(buffer, state.AT.seen_now, size)
-    last = state.scalars(buffer, state.AT.last_seen, size)
-    switch = state.switches(buffer)
+    (now, last), switch = seen(buffer), state.switches(buffer)
     look(buffer, now)
     moved = fresh or differ(now, last, 0, motion_part(buffer))
-    fed = fresh or differ(now, last, motion_part(buffer), size)
+    fed = fresh or differ(now, last, motion_part(buffer), now.size)
     solve = switch.displacement == 0.0 or (moved and (fresh or displaced(buffer, now, last)))
     if not (moved or fed or solve or switch.shared_trajectory == 0.0):
         return state.ACCEPTED
@@ -111,8 +105,7 @@ def prepare(buffer, fresh):
     if fed and now[motion_part(buffer)] > 0.0:
         spread_feed(buffer)
     alike = not moved or same_rates(buffer, now, last)
-    for k in range(size):
-        last[k] = now[k]
+    vectors.copy(last, now)
     state.memory(buffer).settled = 0.0
     for deck in range(state.extent(buffer).decks):
         join_queue(buffer, deck)
@@ -172,8 +165,7 @@ def spread_feed(buffer):
     for k in range(fraction.size):
         spread[k] = max(0.0, fraction[k])
         total += spread[k]
-    for k in range(fraction.size):
-        spread[k] /= total
+    vectors.ratio(spread, spread, total)
     split_classes(
         state.scalars(buffer, state.AT.edge, fraction.size + 1),
         spread,

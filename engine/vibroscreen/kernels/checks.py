@@ -128,13 +128,12 @@ def check_decks(buffer):
     first = deck_length(buffer, 0)
     for deck in range(state.extent(buffer).decks):
         length = deck_length(buffer, deck)
-        row = int(buffer[state.AT.panel])
-        row += deck * state.extent(buffer).panels * len(state.PANEL)
         for number in range(panel_count(buffer, deck)):
             aperture = state.panel(buffer, deck, number).aperture
             if aperture > length:
-                place = row + number * len(state.PANEL) + APERTURE
+                place = state.panel_place(buffer, deck, number) + APERTURE
                 return refuse(buffer, state.REFUSED.short_deck, place, aperture, length)
         if abs(length - first) > SAME_LENGTH * max(length, first):
-            return refuse(buffer, state.REFUSED.unequal_decks, row + LENGTH, length, first)
+            place = state.panel_place(buffer, deck, 0) + LENGTH
+            return refuse(buffer, state.REFUSED.unequal_decks, place, length, first)
     return state.ACCEPTED

@@ -11,16 +11,9 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from vibroscreen.compiler.library import (
-    STAMP,
-    SUFFIX,
-    Library,
-    cache_folder,
-    host,
-    says,
-)
+from vibroscreen.compiler.library import STAMP, SUFFIX, Library, cache_folder, host
 
-__all__ = ["STAMP", "SUFFIX", "cache_folder", "host", "says"]
+__all__ = ["STAMP", "SUFFIX", "cache_folder", "host"]
 
 FOLDER = Path(__file__).parent
 NATIVE = FOLDER.parent / "native"

@@ -35,12 +35,9 @@ PERFORMANCE, PLAUSIBILITY = state.ALARMS.performance, state.ALARMS.plausibility
 def write_stream(buffer, row, fraction, duration):
     """Fractions of a stream over the step (without flow they stay); returns its mean rate, kg/s."""
     mass = state.class_vector(buffer, state.AT.class_mass, row)
-    total = 0.0
-    for k in range(mass.size):
-        total += mass[k]
+    total = vectors.total(mass)
     if total > 0.0:
-        for k in range(mass.size):
-            fraction[k] = mass[k] / total
+        vectors.ratio(fraction, mass, total)
     return total / duration
 
 
@@ -332,8 +329,7 @@ def write_sums(buffer):
     output.undersize_mass = ledger_total(buffer, state.UNDER)
     output.oversize_mass = ledger_total(buffer, state.OVER)
     for k in range(state.extent(buffer).decks - 1):
-        between = state.intermediate(buffer, k)
-        between.mass = ledger_total(buffer, state.OVER + 1 + k)
+        state.intermediate(buffer, k).mass = ledger_total(buffer, state.OVER + 1 + k)
 
 
 @kernel

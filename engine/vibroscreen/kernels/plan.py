@@ -10,6 +10,7 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import panel_count
 from vibroscreen.kernels.checks import APERTURE, check, refuse
 from vibroscreen.kernels.library import entry
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.steady import place_nodes
 
 # A package is never longer than this part of the deck, less where the tolerance asks for it: what
@@ -28,9 +29,7 @@ def cells_for(tolerance, least):
 @kernel
 def share_cells(length, cells, share):
     """Cells on each panel of a deck: by its length [m], at least one."""
-    whole = 0.0
-    for k in range(length.size):
-        whole += length[k]
+    whole = vectors.total(length)
     end, taken = 0.0, 0
     for k in range(length.size):
         end += length[k]
@@ -61,22 +60,20 @@ def plan(buffer, aperture, velocity):
     cells and of nodes, cells and passage factors of the panels, and the nodes. Returns the code of
     a refusal, or ACCEPTED.
     """
-    parameter = state.parameters(buffer)
     code = check(buffer)
     if code == state.ACCEPTED and aperture.size > 0:
         code = read_velocities(buffer, aperture, velocity)
     if code != state.ACCEPTED:
         return code
-    cells = cells_for(parameter.solver_tolerance, LEAST_CELLS)
-    state.extent(buffer).cells = cells
-    for deck in range(state.extent(buffer).decks):
-        panels = panel_count(buffer, deck)
-        share = state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)
+    extent = state.extent(buffer)
+    extent.cells = cells_for(state.parameters(buffer).solver_tolerance, LEAST_CELLS)
+    for deck in range(extent.decks):
         # The lengths lie apart from each other: in a row for a moment.
-        length = state.scalars(buffer, state.AT.apertures, panels)
-        for k in range(panels):
+        length = state.scalars(buffer, state.AT.apertures, panel_count(buffer, deck))
+        for k in range(length.size):
             length[k] = state.panel(buffer, deck, k).length
-        share_cells(length, cells, share)
+        share = state.vector(buffer, state.AT.panel_cells, extent.panels, deck)
+        share_cells(length, extent.cells, share)
     place_nodes(buffer)
     return code
 
@@ -84,15 +81,14 @@ def plan(buffer, aperture, velocity):
 @kernel
 def read_velocities(buffer, aperture, velocity):
     """Passage velocity of the first panel, and of all panels over it, from a table."""
-    first = 0.0
-    for deck in range(state.extent(buffer).decks):
-        row = state.extent(buffer).panels
-        factor = state.vector(buffer, state.AT.passage_factor, row, deck)
+    first, extent = 0.0, state.extent(buffer)
+    for deck in range(extent.decks):
+        factor = state.vector(buffer, state.AT.passage_factor, extent.panels, deck)
         for k in range(panel_count(buffer, deck)):
             wanted = state.panel(buffer, deck, k).aperture
             least, most = aperture[0], aperture[aperture.size - 1]
             if not least <= wanted <= most:
-                place = int(buffer[state.AT.panel]) + (deck * row + k) * len(state.PANEL) + APERTURE
+                place = state.panel_place(buffer, deck, k) + APERTURE
                 limit = least if wanted < least else most
                 return refuse(buffer, state.REFUSED.off_table, place, wanted, limit)
             found = between(aperture, velocity, wanted)

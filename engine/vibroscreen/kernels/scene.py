@@ -6,16 +6,9 @@ from vibroscreen.compiler.language import kernel, numbers, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
 from vibroscreen.kernels.checks import BED, DISPLACEMENT_MODEL, refuse
+from vibroscreen.kernels.numerics import vectors
+from vibroscreen.kernels.physics import closure, motion
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
-from vibroscreen.kernels.physics.closure import (
-    OF_PASSAGE,
-    OF_SEGREGATION,
-    passage_factor,
-    peak_normal_velocity,
-    percolation_factor,
-    throw_height,
-)
-from vibroscreen.kernels.physics.motion import call_displacement, compose_motion
 from vibroscreen.kernels.physics.prescribed import prescribed
 from vibroscreen.kernels.physics.rigid_body import rigid_body
 
@@ -30,9 +23,8 @@ INCLINATION = state.PANEL.index("inclination")
 @kernel
 def vibrates(buffer):
     """Whether anything moves: a frequency, and an amplitude or a harmonic."""
-    inputs = state.inputs(buffer)
+    inputs, harmonic = state.inputs(buffer), state.harmonics(buffer)
     moved = abs(inputs.motion_amplitude)
-    harmonic = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
     for k in range(state.MAX_HARMONICS):
         if harmonic[k, 0] > 0.0:
             moved += abs(harmonic[k, 1]) + abs(harmonic[k, 3])
@@ -40,21 +32,25 @@ def vibrates(buffer):
 
 
 @kernel
+def rotation_of(buffer, panel):
+    """How much steeper a panel is than the first one, rad."""
+    return panel.inclination - state.panel(buffer, 0, 0).inclination
+
+
+@kernel
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
     inputs = state.inputs(buffer)
     harmonic = view2(buffer, int(buffer[state.AT.motion_harmonic]), state.MAX_HARMONICS + 1, 5)
-    extra = view2(buffer, int(buffer[state.AT.harmonic]), state.MAX_HARMONICS, 5)
-    rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
-    compose_motion(numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION], extra, rotation, harmonic)
+    said = numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION]
+    motion.compose_motion(said, state.harmonics(buffer), rotation_of(buffer, panel), harmonic)
     return harmonic
 
 
 @kernel
 def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
-    parameter = state.parameters(buffer)
-    inputs = state.inputs(buffer)
+    parameter, inputs = state.parameters(buffer), state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
     result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
     work = state.scalars(buffer, state.AT.displacement_work, state.extent(buffer).displacement_work)
@@ -72,7 +68,9 @@ def solve_displacement(buffer, deck, number):
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
-        call_displacement(state.extent(buffer).displacement_address, harmonic, drive, result, work)
+        motion.call_displacement(
+            state.extent(buffer).displacement_address, harmonic, drive, result, work
+        )
     result[0] *= panel.velocity_factor
 
 
@@ -81,13 +79,11 @@ def set_transport(buffer, deck, number, scene):
     """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
     result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
     if not vibrates(buffer):
-        for k in range(result.size):
-            result[k] = 0.0
+        vectors.fill(result, 0.0)
     else:
         solve_displacement(buffer, deck, number)
     if result[6] == 1.0:
-        row = deck * state.extent(buffer).panels + number
-        place = int(buffer[state.AT.panel]) + row * len(state.PANEL) + INCLINATION
+        place = state.panel_place(buffer, deck, number) + INCLINATION
         friction = state.scalars(buffer, state.AT.drive_setting, 5)[2]
         return refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
@@ -104,26 +100,26 @@ def set_transport(buffer, deck, number, scene):
 def same_transport(buffer, deck, number):
     """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
     panel = state.panel(buffer, deck, number)
-    panels = state.extent(buffer).panels
-    for other in range(deck):
-        for k in range(panel_count(buffer, other)):
+    for other in range(deck + 1):
+        for k in range(number if other == deck else panel_count(buffer, other)):
             known = state.panel(buffer, other, k)
             alike = known.velocity_factor == panel.velocity_factor
             if alike and known.inclination == panel.inclination:
-                return other * panels + k
-    for k in range(number):
-        known = state.panel(buffer, deck, k)
-        alike = known.velocity_factor == panel.velocity_factor
-        if alike and known.inclination == panel.inclination:
-            return deck * panels + k
+                return other * state.extent(buffer).panels + k
     return -1
+
+
+@kernel
+def scene_of(buffer, deck, number):
+    """The new scene of a panel."""
+    return state.scene(buffer, state.AT.scene_now, deck, number)
 
 
 @kernel
 def copy_transport(buffer, known, scene):
     """Take the displacement of another panel into a scene."""
     panels = state.extent(buffer).panels
-    other = state.scene(buffer, state.AT.scene_now, known // panels, known % panels)
+    other = scene_of(buffer, known // panels, known % panels)
     scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
     scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
 
@@ -134,33 +130,31 @@ def stop_together(buffer, deck):
     panels = panel_count(buffer, deck)
     slowest = 1e300
     for number in range(panels):
-        scene = state.scene(buffer, state.AT.scene_now, deck, number)
-        slowest = min(slowest, scene.transport_velocity)
+        slowest = min(slowest, scene_of(buffer, deck, number).transport_velocity)
     if slowest <= 0.0:
         for number in range(panels):
-            state.scene(buffer, state.AT.scene_now, deck, number).transport_velocity = 0.0
+            scene_of(buffer, deck, number).transport_velocity = 0.0
 
 
 @kernel
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
-    parameter = state.parameters(buffer)
-    closure = state.scalars(buffer, state.AT.closure, 2)
+    parameter, chosen = state.parameters(buffer), state.scalars(buffer, state.AT.closure, 2)
     scene.loosening, scene.lift, scene.depletion = 1.0, 0.0, 0.0
     thrown = parameter.passage_lift + parameter.passage_depletion
-    if closure[OF_PASSAGE] + closure[OF_SEGREGATION] + thrown == 0.0:
+    if chosen[closure.OF_PASSAGE] + chosen[closure.OF_SEGREGATION] + thrown == 0.0:
         return
     panel = state.panel(buffer, deck, number)
     harmonic = panel_motion(buffer, panel)
     frequency = state.inputs(buffer).motion_frequency
-    scene.lift = parameter.passage_lift * throw_height(harmonic, frequency)
-    velocity = max(SLOWEST_THROW, peak_normal_velocity(harmonic, frequency))
+    scene.lift = parameter.passage_lift * closure.throw_height(harmonic, frequency)
+    velocity = max(SLOWEST_THROW, closure.peak_normal_velocity(harmonic, frequency))
     scene.depletion = parameter.passage_depletion / (panel.aperture * velocity)
-    if closure[OF_PASSAGE] > 0.0:
-        scene.loosening = passage_factor(harmonic, frequency, panel.aperture)
+    if chosen[closure.OF_PASSAGE] > 0.0:
+        scene.loosening = closure.passage_factor(harmonic, frequency, panel.aperture)
         scene.passage_velocity *= scene.loosening
-    if closure[OF_SEGREGATION] > 0.0:
-        loose = percolation_factor(harmonic, frequency, parameter.bed_contact_depth)
+    if chosen[closure.OF_SEGREGATION] > 0.0:
+        loose = closure.percolation_factor(harmonic, frequency, parameter.bed_contact_depth)
         scene.segregation_velocity *= loose
         scene.mixing *= loose
 
@@ -168,8 +162,7 @@ def close_scene(buffer, deck, number, scene):
 @kernel
 def set_scene(buffer, deck, number, scene):
     """What a panel offers to the sub-models; without vibration nothing passes or percolates."""
-    parameter = state.parameters(buffer)
-    inputs = state.inputs(buffer)
+    parameter, inputs = state.parameters(buffer), state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
     alive = 1.0 if vibrates(buffer) else 0.0
     density = parameter.material_bulk_density
@@ -187,8 +180,7 @@ def set_scene(buffer, deck, number, scene):
     close_scene(buffer, deck, number, scene)
     scene.aperture, scene.open_area = panel.aperture, panel.open_area
     scene.frequency, scene.amplitude = inputs.motion_frequency, inputs.motion_amplitude
-    rotation = panel.inclination - state.panel(buffer, 0, 0).inclination
-    scene.throw_angle = inputs.motion_throw_angle + rotation
+    scene.throw_angle = inputs.motion_throw_angle + rotation_of(buffer, panel)
     scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
     scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck)
 
@@ -198,10 +190,9 @@ def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = state.scene(buffer, state.AT.scene_now, deck, number)
-            now, used = numbers(scene), numbers(state.scene(buffer, state.AT.scene, deck, number))
-            for k in range(now.size):
-                now[k] = used[k]
+            scene = scene_of(buffer, deck, number)
+            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            vectors.copy(numbers(scene), used)
             if solve:
                 known = same_transport(buffer, deck, number)
                 if known >= 0:
@@ -213,7 +204,7 @@ def prepare_scenes(buffer, solve):
     for deck in range(state.extent(buffer).decks):
         stop_together(buffer, deck)
         for number in range(panel_count(buffer, deck)):
-            set_scene(buffer, deck, number, state.scene(buffer, state.AT.scene_now, deck, number))
+            set_scene(buffer, deck, number, scene_of(buffer, deck, number))
     return state.ACCEPTED
 
 
@@ -222,7 +213,6 @@ def keep_scenes(buffer):
     """Take the scenes in scene_now into use."""
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
             used = numbers(state.scene(buffer, state.AT.scene, deck, number))
-            for k in range(state.FIXED_SCENE):
-                used[k] = scene[k]
+            fixed = used[: state.FIXED_SCENE]
+            vectors.copy(fixed, numbers(scene_of(buffer, deck, number)))

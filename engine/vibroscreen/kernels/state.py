@@ -2,22 +2,16 @@
 
     [ header | parameters | inputs | outputs | constants | state | work ]
 
-`Layout` computes the offsets in Python and hands out numpy views by name. Kernels read the same
+../layout.py computes the offsets in Python and hands out numpy views by name. Kernels read the same
 offsets from the header and see the same fields as views. What lies from `inputs` up to `work` is
 the whole state of an instance: copying it copies the screen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from math import prod
-from typing import Any
+from collections.abc import Iterable
 
-import numpy as np
-
-from vibroscreen.compiler.fours import in_fours
-from vibroscreen.compiler.language import Places, Record, Row, kernel, record, view1, view2
+from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
 from vibroscreen.figures import ALARMS as ALARM_FIGURES
 from vibroscreen.figures import BETWEEN, BOX
 from vibroscreen.figures import DECK as OF_DECK
@@ -107,6 +101,14 @@ STEP = Record(
     "duration left shortest growth before distance kink fastest length landed scheme most",
     "fresh",
     whole="scheme most fresh",
+)
+
+# What is done with the column at hand: how many sizes take part, and terms of what lands on it;
+# the deck + 1 whose knots are recorded, and from where; how many parts of the trajectory have their
+# means taken, which is at hand, and the moment from which, s.
+WORK = Record(
+    "active source_terms recorded recorded_from parts part parts_from",
+    whole="active source_terms recorded parts part",
 )
 
 # What was done and what was skipped.
@@ -234,6 +236,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
         "recovery": ("classes",),
+        "column_work": (WORK,),
         "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
@@ -280,13 +283,12 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "upward": ("layers",),
     },
 }
-# Sizes of what there is, where the computation stands, and addresses of a user's own models.
+# Sizes of what there is, and addresses of a user's own models.
 _WHOLE = (
     "classes nodes decks panels layers packages cells layered bed_layers knots falls designs",
-    "recorded parts part active source_terms displacement_work",
-    "displacement_address passage_address segregation_address",
+    "displacement_work displacement_address passage_address segregation_address",
 )
-DIMENSION = Record(*_WHOLE, "recorded_from parts_from", whole=" ".join(_WHOLE))
+DIMENSION = Record(*_WHOLE, whole=" ".join(_WHOLE))
 KINDS = {
     name: symbols[-1]
     for fields in SECTIONS.values()
@@ -295,106 +297,6 @@ KINDS = {
 }
 FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
-
-
-def _extent(known: Mapping[str, int], symbol: str | int | Record) -> int:
-    if isinstance(symbol, Record):
-        return len(symbol)
-    return known[symbol] if isinstance(symbol, str) else symbol
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Offsets and shapes of all fields for given dimensions.
-
-    `dimension` maps every name of DIMENSION to a whole number.
-    """
-
-    dimension: dict[str, int]
-    offset: dict[str, int] = field(init=False)
-    shape: dict[str, tuple[int, ...]] = field(init=False)
-    span: dict[str, slice] = field(init=False)
-    section: dict[str, slice] = field(init=False)
-    size: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        known = dict(self.dimension)
-        known["edges"] = known["classes"] + 1
-        known["seen"] = (
-            len(PARAMETER)
-            + len(INPUT)
-            + known["classes"]
-            + known["decks"] * known["panels"] * len(PANEL)
-            + 5 * MAX_HARMONICS
-        )
-        known["all_panels"] = known["decks"] * known["panels"]
-        known["setting"] = sum(
-            prod(_extent(known, symbol) for symbol in symbols)
-            for title in ("parameters", "inputs")
-            for symbols in SECTIONS[title].values()
-        )
-        known["lower_decks"] = known["decks"] - 1
-        known["result"] = (
-            len(FIGURE)
-            + len(OUTPUT)
-            + known["decks"] * len(DECK_RESULT)
-            + known["lower_decks"] * len(INTERMEDIATE)
-            + ALARM_COUNT * len(ALARM)
-            + (OVER + known["decks"]) * known["classes"]
-        )
-        known["deck_streams"] = 2 * known["decks"]
-        known["streams"] = OVER + known["decks"]
-        known["ledger_rows"] = 2 * known["streams"]
-        known["knot_rows"] = known["decks"] * known["knots"]
-        known["fall_rows"] = known["decks"] * known["falls"]
-        known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
-        known["block"] = (known["layers"] + 2) * known["sizes"]
-        offset: dict[str, int] = {}
-        shape: dict[str, tuple[int, ...]] = {}
-        span: dict[str, slice] = {}
-        section: dict[str, slice] = {}
-        position = HEADER_SIZE
-        for title, fields in SECTIONS.items():
-            start = position
-            for name, symbols in fields.items():
-                shape[name] = tuple(_extent(known, symbol) for symbol in symbols)
-                offset[name] = position
-                position += prod(shape[name])
-                span[name] = slice(offset[name], position)
-            section[title] = slice(start, position)
-        for name, value in (
-            ("offset", offset),
-            ("shape", shape),
-            ("span", span),
-            ("section", section),
-            ("size", position),
-        ):
-            object.__setattr__(self, name, value)
-
-    @property
-    def persistent(self) -> slice:
-        """All that an instance must remember: parameters to state."""
-        return slice(self.section["parameters"].start, self.section["state"].stop)
-
-    def buffer(self) -> np.ndarray:
-        """A zeroed buffer with its header written."""
-        buffer = np.zeros(self.size)
-        buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
-        buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
-        return buffer
-
-    def view(self, buffer: np.ndarray, name: str) -> np.ndarray:
-        """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
-        return buffer[self.span[name]].reshape(self.shape[name])
-
-    def record(self, buffer: np.ndarray, name: str) -> Any:
-        """The record `name` of `buffer`, or an array of them: `.aperture` reads and writes it."""
-        kind = KINDS[name]
-        *extents, _ = self.shape[name]
-        if not extents:
-            return Row(buffer, self.offset[name], kind)
-        rows = buffer[self.span[name]].view(np.dtype((np.record, kind.dtype)))
-        return rows.reshape(extents).view(np.recarray)
 
 
 # Places in the header that hold the offsets of the fields.
@@ -414,6 +316,12 @@ def node_vector(buffer, at, row):
 
 
 @kernel
+def streams(buffer, at):
+    """What a field holds of the streams by class, as one vector."""
+    return vector(buffer, at, (OVER + extent(buffer).decks) * extent(buffer).classes, 0)
+
+
+@kernel
 def class_vector(buffer, at, row):
     """Row `row` of a field of class vectors."""
     return vector(buffer, at, extent(buffer).classes, row)
@@ -427,7 +335,7 @@ def package_vector(buffer, at, deck):
 
 @kernel
 def extent(buffer):
-    """Dimensions of the buffer, and where its computation stands."""
+    """Dimensions of the buffer."""
     return record(buffer, 0, DIMENSION)
 
 
@@ -486,6 +394,12 @@ def memory(buffer):
 
 
 @kernel
+def work(buffer):
+    """What is done with the column at hand."""
+    return record(buffer, int(buffer[AT.column_work]), WORK)
+
+
+@kernel
 def step(buffer):
     """The step of the column at hand."""
     return record(buffer, int(buffer[AT.step]), STEP)
@@ -511,10 +425,21 @@ def scene(buffer, at, deck, panel):
 
 
 @kernel
-def panel(buffer, deck, panel):
-    """Parameters of a panel."""
-    row = deck * extent(buffer).panels + panel
-    return record(buffer, int(buffer[AT.panel]) + row * len(PANEL), PANEL)
+def panel_place(buffer, deck, number):
+    """Where the parameters of a panel begin in the buffer."""
+    row = deck * extent(buffer).panels + number
+    return int(buffer[AT.panel]) + row * len(PANEL)
+
+
+@kernel
+def panel(buffer, deck, number):
+    return record(buffer, panel_place(buffer, deck, number), PANEL)
+
+
+@kernel
+def harmonics(buffer):
+    """Further harmonics of the motion: order, along, its phase, normal, its phase."""
+    return view2(buffer, int(buffer[AT.harmonic]), MAX_HARMONICS, 5)
 
 
 @kernel

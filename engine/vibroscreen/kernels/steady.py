@@ -20,9 +20,8 @@ FREQUENCY = state.INPUT.index("motion_frequency")
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
     front.start_cohort(buffer, deck, max(0.0, state.inputs(buffer).feed_mass_flow_rate))
-    vectors.fill(state.node_vector(buffer, state.AT.carry, deck), 0.0)
-    vectors.fill(falls.fall_cohort(buffer, deck), 0.0)
-    vectors.fill(falls.undersize(buffer, deck), 0.0)
+    for at in (state.AT.carry, state.AT.fall_cohort, state.AT.step_mass):
+        vectors.fill(state.node_vector(buffer, at, deck), 0.0)
     vectors.fill(falls.oversize(buffer, deck), 0.0)
     state.book(buffer, deck).capacity_alarm = 0.0
 
@@ -134,9 +133,8 @@ def solve_steady(buffer):
     for deck in range(state.extent(buffer).decks):
         if not travel.conveys(buffer, deck):
             frequency = state.inputs(buffer).motion_frequency
-            return checks.refuse(
-                buffer, state.REFUSED.no_conveying, place + FREQUENCY, frequency, 0.0
-            )
+            place += FREQUENCY
+            return checks.refuse(buffer, state.REFUSED.no_conveying, place, frequency, 0.0)
     solve_decks(buffer)
     step.sum_streams(buffer, 1.0)
     write_outputs(buffer)
@@ -166,12 +164,12 @@ def write_outputs(buffer):
 def write_class_recovery(buffer):
     """Part of each class that reaches the undersize, from the streams by class."""
     recovery = state.class_vector(buffer, state.AT.recovery, 0)
+    vectors.fill(recovery, 0.0)
+    for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
+        vectors.add(recovery, 1.0, state.class_vector(buffer, state.AT.class_mass, row))
+    under = state.class_vector(buffer, state.AT.class_mass, state.UNDER)
     for k in range(recovery.size):
-        total = 0.0
-        for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
-            total += state.class_vector(buffer, state.AT.class_mass, row)[k]
-        under = state.class_vector(buffer, state.AT.class_mass, state.UNDER)[k]
-        recovery[k] = under / total if total > 0.0 else 0.0
+        recovery[k] = under[k] / recovery[k] if recovery[k] > 0.0 else 0.0
 
 
 @kernel
@@ -193,8 +191,6 @@ def solve_many(buffer, count, rebuild):
     size = int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
     setting = state.scalars(buffer, state.AT.parameter, size)
     harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
-    classes = state.extent(buffer).classes
-    seen = state.scalars(buffer, state.AT.last_seen, changes.motion_part(buffer) + 1 + classes)
     row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
@@ -203,19 +199,16 @@ def solve_many(buffer, count, rebuild):
         code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
+            _, seen = changes.seen(buffer)
             seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         if code == state.ACCEPTED:
             code = solve_steady(buffer)
         result = state.vector(buffer, state.AT.design_result, row_size, row)
         vectors.fill(result, 0.0)
-        figure = record(result, 0, state.FIGURE)
-        figure.code = code
         if code != state.ACCEPTED:
-            refusal = state.refusal(buffer)
-            figure.index, figure.value = refusal.index, refusal.value
-            figure.limit = refusal.limit
+            vectors.copy(result[: len(state.REFUSAL)], numbers(state.refusal(buffer)))
         else:
-            figure.residence_time = travel.residence_time(buffer, 0)
+            record(result, 0, state.FIGURE).residence_time = travel.residence_time(buffer, 0)
             write_result(buffer, result)
 
 

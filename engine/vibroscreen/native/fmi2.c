@@ -233,13 +233,30 @@ static void read_outputs(Screen *screen) {
     tell_alarms(screen, before);
 }
 
+/* A zeroed buffer of so many numbers, at a line of the processor's cache; what was allocated is told
+   before it. */
+static double *allocate(size_t numbers) {
+    char *room = calloc(numbers + 2 * LINE, sizeof(double));
+    if (!room) return NULL;
+    size_t line = LINE * sizeof(double);
+    char *buffer = room + line + (line - (uintptr_t) room % line) % line;
+    memcpy(buffer - sizeof room, &room, sizeof room);
+    return (double *) buffer;
+}
+
+static void release(double *buffer) {
+    char *room = NULL;
+    if (buffer) memcpy(&room, (char *) buffer - sizeof room, sizeof room);
+    free(room);
+}
+
 /* A zeroed buffer with room for the dimensions in its header, and for the parameters behind it. */
 static fmi2Status make_buffer(const Screen *screen, const double *dimensions, Laid *made) {
     double header[HEADER];
     memcpy(header, dimensions, N_DIMENSIONS * sizeof(double));
     made->at = lay_out(header);
     size_t parameters = (size_t) (made->at.inputs - PARAMETERS), whole = (size_t) made->at.size + parameters;
-    made->buffer = calloc(whole, sizeof(double));
+    made->buffer = allocate(whole);
     if (!made->buffer) return refuse(screen, TEXT_NO_ROOM, (Told) {.value = 8.0 * (double) whole});
     made->built_with = made->buffer + made->at.size;
     memcpy(made->buffer, header, sizeof header);
@@ -285,7 +302,6 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
         double room = sheet->figure[F_ROOM];
         dimensions[D_PACKAGES] = room > 0 ? room : 4 * dimensions[D_CELLS] + 16;
         dimensions[D_FALLS] = sheet->dimension[D_DECKS] > 1 ? dimensions[D_PACKAGES] : 1;
-        dimensions[D_ACTIVE] = dimensions[D_NODES];
         for (int k = 0; k < OWN_MODELS; k++)
             if (screen->address[k]) dimensions[D_DISPLACEMENT_ADDRESS + k] = screen->address[k];
         status = make_buffer(screen, dimensions, made);
@@ -303,7 +319,7 @@ static fmi2Status lay(const Screen *screen, const double *parameters, Laid *made
         }
         memcpy(made->built_with, buffer + PARAMETERS, (size_t) (made->at.inputs - PARAMETERS) * sizeof(double));
     }
-    free(slice.buffer);
+    release(slice.buffer);
     return status;
 }
 
@@ -332,10 +348,10 @@ static fmi2Status start_afresh(Screen *screen) {
     fmi2Status status = lay(screen, screen->sheet.start, &made);
     if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
     if (status != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return status;
     }
-    free(screen->laid.buffer);
+    release(screen->laid.buffer);
     screen->laid = made;
     screen->running = screen->ended = 0;
     screen->time = 0;
@@ -415,7 +431,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component c) {
     Screen *screen = c;
     if (!screen) return;
-    free(screen->laid.buffer);
+    release(screen->laid.buffer);
     free(screen->name);
     free((void *) screen->sheet.bytes);
     if (screen->own) unload(screen->own);
@@ -474,10 +490,10 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     }
     if (status == fmi2OK) status = run(screen, &made, COMMAND_INITIALISE, 0);
     if (status != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return status;
     }
-    free(laid->buffer);
+    release(laid->buffer);
     *laid = made;
     screen->running = 1;
     tell_alarms(screen, 0);
@@ -607,17 +623,17 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate source) {
     Laid *laid = &screen->laid, made = *laid;
     int other = !same_fixed(&screen->sheet, state->body, laid->built_with);
     if (other && lay(screen, state->body, &made) != fmi2OK) {
-        free(made.buffer);
+        release(made.buffer);
         return fmi2Error;
     }
     int64_t count = made.at.work - PARAMETERS;
     if (state->count != count) {
-        if (other) free(made.buffer);
+        if (other) release(made.buffer);
         Told told = {.value = 8.0 * (double) state->count, .limit = 8.0 * (double) count};
         return refuse(screen, TEXT_STATE_SIZE, told);
     }
     if (other) {
-        free(laid->buffer);
+        release(laid->buffer);
         *laid = made;
     }
     memcpy(laid->buffer + PARAMETERS, state->body, (size_t) count * sizeof(double));

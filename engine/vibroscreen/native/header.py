@@ -15,7 +15,8 @@ from typing import Any
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, READ
 from vibroscreen.kernels.physics.segregation import EXCHANGE
-from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS, Layout
+from vibroscreen.kernels.state import DIMENSION, FIELD, HEADER_SIZE, SECTIONS
+from vibroscreen.layout import LINE, Layout
 
 FOLDER = Path(__file__).parent
 SHEET_MARK, STATE_MARK = b"vsheet01", b"vscreen2"
@@ -75,6 +76,7 @@ def header(engine: str, suffix: str) -> str:
         "N_DIMENSIONS": len(DIMENSION),
         "HEADER": HEADER_SIZE,
         "PARAMETERS": HEADER_SIZE,
+        "LINE": LINE,
         "PANEL_SIZE": len(state.PANEL),
         "FIGURES": len(FIGURE),
         "F_OWN": f"F_{OWN[0].upper()}",
@@ -150,6 +152,8 @@ def _layout_function() -> str:
             size = _Symbol("1")
             for extent in layout.shape[field]:
                 size = _Symbol(f"{size} * {extent}") if str(size) != "1" else _Symbol(str(extent))
+            if title == "work":
+                lines.append("    at = (at + LINE - 1) / LINE * LINE;")
             lines.append(f"    header[{_at(field)}] = (double) at; at += {size};")
     lines += ["    found.size = at;", "#undef D", "    return found;", "}"]
     return "\n".join(lines)

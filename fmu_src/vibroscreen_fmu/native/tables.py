@@ -10,6 +10,9 @@ import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
@@ -57,7 +60,8 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
     keys += [key for key in TEXT if key not in keys]
     # A steady solution alone is refused by those that have no text here.
     codes = [key if key in TEXT else "failed" for key in ("", *REFUSED)]
-    flags, variables = _variables(config, ports, words)
+    limits = layout.view(buffer, "limit")
+    flags, variables = _variables(config, limits, ports, words)
     body = b"".join(
         [
             _part("d", _figures(config, ports)),
@@ -120,7 +124,7 @@ def _figures(config: ScreenConfig, ports: Sequence[Port]) -> list[float]:
 
 
 def _variables(
-    config: ScreenConfig, ports: Sequence[Port], words: _Words
+    config: ScreenConfig, limits: NDArray[np.float64], ports: Sequence[Port], words: _Words
 ) -> tuple[list[int], list[tuple[int, ...]]]:
     """All variables by value reference: what may be done with them, and what people call them."""
     size = max(port.reference for port in ports) + 1
@@ -133,8 +137,10 @@ def _variables(
             KINDS[port.kind] + SETTABLE * settable + FIXED * (port.variability == "fixed")
         )
         number = given[port.reference] if port.reference < len(given) else None
-        about = ("", "", "", "")
+        about: tuple[str, ...] = ("", "", "", "")
         if number:
-            about = (number.unit, number.range, number.cure("too_small"), number.cure("too_large"))
+            most = limits[port.reference, 1]
+            cures = (number.cure(text, most) for text in ("too_small", "too_large"))
+            about = (number.unit, number.range(most), *cures)
         names[port.reference] = tuple(map(words.at, (port.name, *about, port.kind)))
     return flags, names

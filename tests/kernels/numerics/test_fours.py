@@ -27,7 +27,6 @@ from vibroscreen.compiler.fours import (
     put_four_in,
     total,
 )
-from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import START_SLICE, run
 from vibroscreen.kernels.numerics import blocks, column
 from vibroscreen.size_classes import SizeClasses
@@ -131,7 +130,8 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     load, scene = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     layers = int(np.count_nonzero(load.sum(axis=1)))
     column.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
-    active, place = int(buffer[state.DIMENSION.index("active")]), layout.view(buffer, "place")
+    active = layout.record(buffer, "column_work").active
+    place = layout.view(buffer, "place")
     taking_part = int(place.max()) + 1
     assert active == in_fours(taking_part)
     assert 1 <= taking_part <= classes

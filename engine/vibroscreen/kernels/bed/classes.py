@@ -32,6 +32,7 @@ from vibroscreen.compiler.elementary import cos, exp, raised
 from vibroscreen.compiler.language import kernel, record
 from vibroscreen.kernels import state
 from vibroscreen.kernels.library import entry
+from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import packing, segregation
 
 MOST_NODES = 24  # on a piece, where the engine chooses
@@ -295,7 +296,12 @@ def merge_classes(node_value, node_class, class_value):
 
     node_value[n], node_class[n] class numbers from 0; writes class_value[N].
     """
-    for k in range(class_value.size):
-        class_value[k] = 0.0
+    vectors.fill(class_value, 0.0)
     for i in range(node_value.size):
         class_value[int(node_class[i])] += node_value[i]
+
+
+@kernel
+def sum_nodes(buffer, node_value, class_value):
+    """`merge_classes` over the classes of the screen."""
+    merge_classes(node_value, state.node_vector(buffer, state.AT.node_class, 0), class_value)

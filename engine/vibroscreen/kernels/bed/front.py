@@ -38,7 +38,7 @@ def feed_pile(buffer, deck, index, duration):
     area = package.area_of(buffer, deck, index)
     rate = state.book(buffer, deck).cohort_fed
     fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
-    state.extent(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
+    state.work(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
     for i in range(source.size):
         source[i] = rate * fraction[i] / area
         reference[i] += source[i] * duration
@@ -151,9 +151,9 @@ def on_first_panel(buffer, deck):
 @kernel
 def record_from(buffer, deck, place):
     """Record from a place on what passes of the leading slice, for the deck below."""
-    extent = state.extent(buffer)
-    extent.recorded = deck + 1.0 if deck + 1 < extent.decks else 0.0
-    extent.recorded_from = place
+    work, decks = state.work(buffer), state.extent(buffer).decks
+    work.recorded = deck + 1.0 if deck + 1 < decks else 0.0
+    work.recorded_from = place
 
 
 @kernel
@@ -163,7 +163,7 @@ def advance_lead(buffer, deck, duration):
     lead_passed is what passed of the slice, as areal mass on the first panel [kg/m2]. With it the
     cohort behind the slice passes width x v x lead_passed [kg/s] at any moment.
     """
-    book, extent = state.book(buffer, deck), state.extent(buffer)
+    book, work = state.book(buffer, deck), state.work(buffer)
     scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
     lead = state.column(buffer, state.AT.lead, deck)
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
@@ -176,14 +176,14 @@ def advance_lead(buffer, deck, duration):
             step = min(left, knots.lead_source(buffer, deck, place, velocity))
         before = book.lead_layers
         record_from(buffer, deck, place)
-        if extent.source_terms == 0.0 and bed_load(lead, before) == 0.0:
+        if work.source_terms == 0.0 and bed_load(lead, before) == 0.0:
             integrate.clear_sums(buffer, before)
             book.rows = before
-            if extent.recorded > 0:
+            if work.recorded > 0:
                 knots.record_nothing(buffer, place, place + velocity * step)
         else:
             book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, before, step)
-        extent.source_terms, extent.recorded = 0.0, 0.0
+        work.source_terms, work.recorded = 0.0, 0.0
         book_lead(buffer, deck, step)
         left -= step
 
@@ -286,7 +286,7 @@ def advance_over_cells(buffer, deck, duration):
     record_from(buffer, deck, travel.place_after(buffer, deck, book.cohort_front))
     layers = book.lead_layers
     book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, taken)
-    state.extent(buffer).recorded = 0.0
+    state.work(buffer).recorded = 0.0
     parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0

@@ -18,18 +18,13 @@ def held_by_node(buffer, deck, held):
     total = 0.0
     for place in range(packages + book.cells):
         index = int(queue[place]) if place < packages else int(cell[place - packages])
-        load, layers = (
-            package.column_of(buffer, deck, index),
-            package.layers_of(buffer, deck, index),
-        )
-        area = package.area_of(buffer, deck, index)
+        area, load = package.area_of(buffer, deck, index), package.column_of(buffer, deck, index)
+        layers = package.layers_of(buffer, deck, index)
         total += area * bed_load(load, layers)
         vectors.add_rows(held, area, load, layers)
     if book.covered == 0.0 and book.cohort_on > 0.0:
-        partial, width = (
-            state.column(buffer, state.AT.partial, deck),
-            travel.deck_width(buffer, deck),
-        )
+        partial = state.column(buffer, state.AT.partial, deck)
+        width = travel.deck_width(buffer, deck)
         total += width * bed_load(partial, book.partial_layers)
         vectors.add_rows(held, width, partial, book.partial_layers)
     return total

@@ -31,7 +31,7 @@ def knot_places(buffer, deck):
 @kernel
 def record_knot(buffer, place):
     """Add a knot of the deck that is recorded, from the rows passed and passing of `record`."""
-    deck = state.extent(buffer).recorded - 1
+    deck = state.work(buffer).recorded - 1
     book = state.book(buffer, deck)
     places = knot_places(buffer, deck)
     count = book.knots
@@ -106,7 +106,7 @@ def lead_source(buffer, deck, place, velocity):
     upper, book = state.book(buffer, above), state.book(buffer, deck)
     places = knot_places(buffer, above)
     count = upper.knots
-    state.extent(buffer).source_terms = 0.0
+    state.work(buffer).source_terms = 0.0
     slack = SAME_PLACE * deck_length(buffer, deck)
     if count < 2 or place >= places[count - 1] - slack:
         return 1e300
@@ -136,7 +136,7 @@ def lead_source(buffer, deck, place, velocity):
         source[nodes + i] = per_area * rise * (linear + 2.0 * x * square)
         source[2 * nodes + i] = per_area * rise * rise * square
         if total > 0.0:
-            state.extent(buffer).source_terms = 3.0
+            state.work(buffer).source_terms = 3.0
     return max(slack, places[knot + 1] - place) / velocity
 
 

@@ -31,7 +31,7 @@ def advance_queue(buffer, deck, duration):
         elif place == count - 1 and book.pile_open > 0.0:
             front.feed_pile(buffer, deck, index, duration)
             ride.ride(buffer, deck, index, place, duration)
-            state.extent(buffer).source_terms = 0.0
+            state.work(buffer).source_terms = 0.0
         else:
             left = ride.advance_package(buffer, deck, index, place, rear, duration)
             gone += 1 if left <= 0.0 and place == gone else 0

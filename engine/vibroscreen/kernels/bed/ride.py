@@ -48,7 +48,7 @@ def land_on(buffer, row, area, time):
     for i in range(source.size):
         source[i] = landing[i] / (area * time)
         if source[i] != 0.0:
-            state.extent(buffer).source_terms = 1.0
+            state.work(buffer).source_terms = 1.0
 
 
 @kernel
@@ -143,7 +143,7 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
         if deck > 0:
             land_on(buffer, row, package.area_of(buffer, deck, index), time)
         ride(buffer, deck, index, row, step)
-        state.extent(buffer).source_terms = 0.0
+        state.work(buffer).source_terms = 0.0
         left -= step
         middle += step
         if not crosses:
@@ -197,7 +197,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
             area = 0.5 * travel.deck_width(buffer, deck) * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
-        state.extent(buffer).source_terms = 0.0
+        state.work(buffer).source_terms = 0.0
     elif ends:
         shed(buffer, deck, index)
     return length[index]

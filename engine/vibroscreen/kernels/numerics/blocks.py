@@ -19,12 +19,12 @@ LOWER, UPPER, OF_PART = 0, 1, 2
 @kernel
 def active_vector(buffer, at, row):
     """Row `row` of a field of vectors over the sizes that take part."""
-    return state.vector(buffer, at, state.extent(buffer).active, row)
+    return state.vector(buffer, at, state.work(buffer).active, row)
 
 
 @kernel
 def active_column(buffer, at):
-    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.extent(buffer).active)
+    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.work(buffer).active)
 
 
 @kernel
@@ -36,18 +36,19 @@ def _start(buffer, at, index):
 @kernel
 def _whole(buffer, at, index):
     extent = state.extent(buffer)
-    return view1(buffer, _start(buffer, at, index), (extent.layers + 2) * extent.active)
+    return view1(buffer, _start(buffer, at, index), (extent.layers + 2) * state.work(buffer).active)
 
 
 @kernel
 def _passed(buffer, at, index):
-    return view1(buffer, _start(buffer, at, index), state.extent(buffer).active)
+    return view1(buffer, _start(buffer, at, index), state.work(buffer).active)
 
 
 @kernel
 def _load(buffer, at, index):
     extent = state.extent(buffer)
-    return view2(buffer, _start(buffer, at, index) + extent.active, extent.layers, extent.active)
+    active = state.work(buffer).active
+    return view2(buffer, _start(buffer, at, index) + active, extent.layers, active)
 
 
 @kernel
@@ -69,7 +70,7 @@ def stage_load(buffer, index):
 @kernel
 def stage_share(buffer, index, layers):
     """Mass fractions of the top one of `layers` layers in a block of `stage` [1, active size]."""
-    active = state.extent(buffer).active
+    active = state.work(buffer).active
     return view2(buffer, _start(buffer, state.AT.stage, index) + (layers + 1) * active, 1, active)
 
 
@@ -85,6 +86,18 @@ def rates(buffer):
 def step_ends(buffer):
     """The column before and after a step that is not yet taken, and its rates then."""
     return stage(buffer, NOW), stage(buffer, STAGED), stage(buffer, K1), stage(buffer, K7)
+
+
+@kernel
+def follows_share(buffer, layers):
+    """Whether the composition of the top layer is followed beside its masses."""
+    return layers > 1 and state.work(buffer).source_terms == 0.0
+
+
+@kernel
+def rows_followed(buffer, layers):
+    """Length of the part of a block that a scheme advances."""
+    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.work(buffer).active
 
 
 @kernel

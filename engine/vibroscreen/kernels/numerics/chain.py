@@ -53,6 +53,7 @@ CHAIN_TABLE = np.array([
 CHAIN_STAGE, CHAIN_FIRST = CHAIN_TABLE[:, :9].copy(), CHAIN_TABLE[:, 9].copy()
 CHAIN_END, CHAIN_ERROR = CHAIN_TABLE[:, 10:13].copy(), CHAIN_TABLE[:, 13:19].copy()
 CHAIN_STABLE = CHAIN_TABLE[:, 19].copy()
+REACH = float(CHAIN_STABLE[-1])
 
 
 @kernel
@@ -92,7 +93,7 @@ def chain_stages(spread):
 @kernel
 def chain_step(buffer, scene, layers, h, stages, moment):
     """Try a step of order 3 with `stages` stages; returns its error, a part of what was fed."""
-    size = rates.rows_followed(buffer, layers)
+    size = blocks.rows_followed(buffer, layers)
     row = stages - CHAIN_LEAST
     kept = (blocks.K1, blocks.K1, blocks.K1, blocks.K1)  # blocks of the last four rates
     for j in range(stages - 1):

@@ -25,7 +25,7 @@ def first_coarse(buffer, scene, load, layers):
     known = parameter.passage_law <= passage.BOUNCE and model <= segregation.CLASSIFIED
     if state.switches(buffer).coarse_sizes == 0.0 or not known:
         return nodes
-    if state.extent(buffer).source_terms > 0.0:
+    if state.work(buffer).source_terms > 0.0:
         return nodes
     closed = scene.aperture
     if state.extent(buffer).layered > 0.0:
@@ -74,7 +74,7 @@ def gather(buffer, scene, load, reference, layers):
     place, share = places(buffer)
     source = view2(buffer, int(buffer[state.AT.source]), 3, size.size)
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * state.parameters(buffer).solver_tolerance
     coarse = first_coarse(buffer, scene, load, layers)
@@ -105,7 +105,7 @@ def gather(buffer, scene, load, reference, layers):
     if gathered > 0.0:
         counter.coarse_sizes_skipped += size.size - coarse - 1.0
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
-    state.extent(buffer).active = in_fours(taking_part)
+    state.work(buffer).active = in_fours(taking_part)
     fill_block(buffer, load, reference, layers)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     if gathered > 0.0:
@@ -144,7 +144,7 @@ def gather_row(place, straight, load, row, to, to_row):
 @kernel
 def fill_block(buffer, load, reference, layers):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
-    count, terms = state.extent(buffer).active, state.extent(buffer).source_terms
+    count, terms = state.work(buffer).active, state.work(buffer).source_terms
     size = state.node_vector(buffer, state.AT.size, 0)
     place, _ = places(buffer)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
@@ -179,11 +179,12 @@ def fill_block(buffer, load, reference, layers):
 
 
 @kernel
-def add_spread(buffer, to, load, rows):
-    """Add the rows of a block to those of a column."""
+def add_spread(buffer, straight, to, load, rows):
+    """Add the rows of a block to those of a column; the first `straight` sizes keep their places.
+
+    Those are most: plain sums, which are fast.
+    """
     place, share = places(buffer)
-    # Most sizes keep their places: plain sums, which are fast.
-    straight = places_kept(place)
     for j in range(rows):
         for i in range(straight):
             to[j, i] += share[i] * load[j, i]
@@ -218,7 +219,7 @@ def scatter(buffer, load, layers, rows, elapsed):
                 load[j, i] = share[i] * now[j, n]
     vectors.clear_rows(load, layers, rows)
     time = state.column(buffer, state.AT.column_time, 0)
-    add_spread(buffer, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
+    add_spread(buffer, straight, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
 
 @kernel
@@ -229,7 +230,7 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     step is that of the rates times h, so in a bed where all is in balance it is the same in every
     step: it would add up over many.
     """
-    nodes, terms = state.extent(buffer).active, state.extent(buffer).source_terms
+    nodes, terms = state.work(buffer).active, state.work(buffer).source_terms
     place, _ = places(buffer)
     straight = places_kept(place)
     values = blocks.stage(buffer, blocks.NOW)

@@ -4,7 +4,6 @@ from vibroscreen.compiler.fours import all_four, apart, four, larger, largest, p
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks
-from vibroscreen.kernels.numerics.rates import rows_followed
 
 # Schemes. A short step is cheapest by high order, a wide one by many cheap stages.
 PAIR, CHAIN = range(2)
@@ -21,7 +20,7 @@ def embedded_error(buffer, h, layers, stage, weight):
     out = blocks.trial(buffer, blocks.OF_PART)
     h1, h2, h3 = h * weight[0], h * weight[1], h * weight[2]
     h4, h5, h6 = h * weight[3], h * weight[4], h * weight[5]
-    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+    for i in range(0, (layers + 1) * state.work(buffer).active, 4):
         one = h1 * four(k1, i) + h2 * four(k2, i) + h3 * four(k3, i)
         put_four(out, i, one + (h4 * four(k4, i) + h5 * four(k5, i) + h6 * four(k6, i)))
     return worst_error(buffer, layers)
@@ -34,7 +33,7 @@ def worst_error(buffer, layers):
     What passed wrongly counts 3/2. What lies in a wrong layer counts by how far it was moved over
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
-    nodes = state.extent(buffer).active
+    nodes = state.work(buffer).active
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
     out = blocks.trial(buffer, blocks.OF_PART)
     face, worst = 2.0 / layers, all_four(0.0)
@@ -53,12 +52,12 @@ def take_explicit(buffer, layers, last_rates):
     """The step becomes the state, its last rates the next first ones. False: there are debts."""
     y, new, k1, k7 = blocks.step_ends(buffer)
     debts = all_four(0.0)
-    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+    for i in range(0, (layers + 1) * state.work(buffer).active, 4):
         value = four(new, i)
         put_four(y, i, value)
         debts = larger(debts, 0.0 - value)
     if last_rates:
-        for i in range(0, rows_followed(buffer, layers), 4):
+        for i in range(0, blocks.rows_followed(buffer, layers), 4):
             put_four(k1, i, four(k7, i))
     return largest(debts) == 0.0
 
@@ -68,7 +67,7 @@ def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
     y, new, k1, k7 = blocks.step_ends(buffer)
     out = blocks.trial(buffer, blocks.OF_PART)
-    for i in range(0, (layers + 1) * state.extent(buffer).active, 4):
+    for i in range(0, (layers + 1) * state.work(buffer).active, 4):
         rates = 0.4 * h * (four(k1, i) + four(k7, i))
         put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)
     return worst_error(buffer, layers)

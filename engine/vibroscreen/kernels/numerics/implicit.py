@@ -3,9 +3,10 @@
 Of first order whatever its length; extrapolated to higher ones.
 """
 
+from vibroscreen.compiler.elementary import raised
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks, rates
+from vibroscreen.kernels.numerics import blocks, kinks, rates
 from vibroscreen.kernels.numerics.column import mean_landing
 from vibroscreen.kernels.numerics.layers import bed_load, cover_of, layers_for, restack
 from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
@@ -64,12 +65,11 @@ def basic_step(buffer, scene, k, layers, h, moment):
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
     upward_rates(load, down, layers, up)
-    implicit_step(
-        load, rate, down, up, blocks.active_column(buffer, state.AT.scratch), stay, layers, h
-    )
+    pivot = blocks.active_column(buffer, state.AT.scratch)
+    implicit_step(load, rate, down, up, pivot, stay, layers, h)
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms > 0:
         source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
         for i in range(nodes):
@@ -85,7 +85,7 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = blocks.stage(buffer, blocks.NOW)
     column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
-    nodes = state.extent(buffer).active
+    nodes = state.work(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
         column[i] = now[i] if nodes <= i < (layers + 1) * nodes else 0.0
@@ -99,12 +99,12 @@ def run_trial(buffer, scene, k, layers, rows, h, moment):
 @kernel
 def rows_in_use(buffer, scene, load, layers, h, moment):
     """Layers that a step of h may need: what lands opens new ones, nothing else does."""
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms == 0:
         return layers
     landing = 0.0
-    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.extent(buffer).active)
-    for i in range(state.extent(buffer).active):
+    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.work(buffer).active)
+    for i in range(state.work(buffer).active):
         landing += mean_landing(source, i, terms, h, moment)
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
     return max(layers, min(more, load.shape[0]))
@@ -116,7 +116,7 @@ def extrapolate(buffer, k, rows):
 
     Trial k keeps its own first-order value. `rows` is the highest number of layers in use.
     """
-    size = (rows + 1) * state.extent(buffer).active
+    size = (rows + 1) * state.work(buffer).active
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
@@ -170,7 +170,7 @@ def pay_integral(buffer, rows):
     """Pay the debts of the time integrals, if there are any."""
     total = blocks.stage(buffer, blocks.INTEGRAL)
     debts = 0
-    for i in range((rows + 1) * state.extent(buffer).active):
+    for i in range((rows + 1) * state.work(buffer).active):
         debts += 1 if total[i] < 0.0 else 0
     if debts > 0:
         gone = blocks.stage_passed(buffer, blocks.INTEGRAL)
@@ -181,10 +181,10 @@ def pay_integral(buffer, rows):
 @kernel
 def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
-    size = (rows + 1) * state.extent(buffer).active
+    size = (rows + 1) * state.work(buffer).active
     now, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
     best, time = blocks.trial(buffer, 0), blocks.trial(buffer, 1)
-    gone = state.extent(buffer).active
+    gone = state.work(buffer).active
     carry_debts(blocks.trial_passed(buffer, 0), blocks.trial_load(buffer, 0), rows)
     carry_debts(blocks.trial_passed(buffer, 1), blocks.trial_load(buffer, 1), rows)
     for i in range(gone):
@@ -194,3 +194,82 @@ def take_implicit(buffer, scene, rows, h):
         total[i] += time[i]
         now[i] = best[i]
     return restack(buffer, scene, blocks.stage_load(buffer, blocks.NOW), rows)
+
+
+# --- its length and order ------------------------------------------------------------------------
+@kernel
+def first_step(scene, duration):
+    """A first implicit step: the time in which the screen could take the contact layer once, s."""
+    pace = scene.passage_velocity * scene.density / scene.contact_load
+    return min(duration, 0.25 / pace) if pace > 0.0 else duration
+
+
+@kernel
+def implicit_length(buffer, scene, book, step, layers, left):
+    """Find the length of an implicit step that meets the tolerance, its trials done; s."""
+    counter = state.counters(buffer)
+    moment = step.duration - step.left
+    if book.step <= 0.0:
+        book.step, book.order = first_step(scene, left), 3
+    while True:
+        planned, order = book.step, book.order
+        h = left if planned > 0.99 * left else min(planned, 0.5 * left)
+        if step.shortest < step.kink < h:
+            h = step.kink
+        used = try_implicit(buffer, scene, layers, h, moment, book)
+        if used < 0 and h > step.shortest:
+            counter.column_steps_rejected += 1
+            continue
+        if used < 0:
+            counter.column_steps_forced += 1
+            book.step = 4.0 * h
+        elif h < planned:
+            book.step, book.order = max(planned, book.step), max(order, book.order)
+        return h
+
+
+@kernel
+def try_implicit(buffer, scene, layers, h, moment, book):
+    """Raise the order until the error of a step of h meets the tolerance.
+
+    Returns the number of trials, negative if it does not meet it; the next step and order go to
+    `book`.
+    """
+    allowed = kinks.allowance(buffer, scene, book, h)
+    counter = state.counters(buffer)
+    target = book.order
+    now = blocks.stage_load(buffer, blocks.NOW)
+    rows = rows_in_use(buffer, scene, now, layers, h, moment)
+    book.rows = rows
+    last, last_cost, last_fit = 1.0, 1e300, h
+    used = 0
+    for k in range(min(target + 1, state.MAX_ORDER)):
+        run_trial(buffer, scene, k, layers, rows, h, moment)
+        counter.sub_steps += k + 1
+        extrapolate(buffer, k, rows)
+        used = k + 1
+        if k == 0:
+            continue
+        error = max(step_error(buffer, rows) / allowed, 1e-30)
+        fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
+        cost = trial_cost(used) / fit
+        if error <= 1.0:
+            book.order, book.step = used, fit
+            if last_cost < 0.9 * cost:
+                book.order, book.step = used - 1, last_fit
+            elif used < state.MAX_ORDER - 1:
+                book.order, book.step = used + 1, trial_cost(used + 1) / cost
+            return used
+        gain = min(1.0, error / last) if k > 1 else 0.1
+        expected = error * raised(gain, target - used)
+        book.step = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
+        if k > 1 and expected * gain > 4.0:
+            break
+        last, last_cost, last_fit = error, cost, fit
+    return -used
+
+
+@kernel
+def trial_cost(order):
+    """Basic steps of an extrapolated step of this order, and one for its overhead."""
+    return 1.0 + 0.5 * order * (order + 1)

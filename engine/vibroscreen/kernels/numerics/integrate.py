@@ -47,7 +47,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
     kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
-    clear_sums(buffer, layers if state.extent(buffer).source_terms == 0.0 else load.shape[0])
+    clear_sums(buffer, layers if state.work(buffer).source_terms == 0.0 else load.shape[0])
     used = layers
     step = state.step(buffer)
     step.duration, step.left = duration, duration
@@ -80,7 +80,7 @@ def advance_block(buffer, scene, book, step, layers):
         else:
             layers = advance_implicit(buffer, scene, book, step, layers)
         step.left = 0.0 if step.length == step.left else step.left - step.length
-    if step.left <= 0.0 and state.extent(buffer).recorded > 0:
+    if step.left <= 0.0 and state.work(buffer).recorded > 0:
         if step.fresh == 0:
             rates_now(buffer, scene, layers, step.duration)
         note_passage(buffer, scene, step.duration)
@@ -108,7 +108,7 @@ def look_ahead(buffer, scene, step, layers):
         step.most = max(step.most, layers)
         rates_now(buffer, scene, layers, moment)
         step.before, step.length = 0.0, 0.0
-    if state.extent(buffer).recorded > 0:
+    if state.work(buffer).recorded > 0:
         note_passage(buffer, scene, moment)
     growth, before, h = kinks.top_growth(buffer, layers), step.before, step.length
     slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
@@ -146,7 +146,7 @@ def advance_explicit(buffer, scene, book, step, layers):
     h, scheme, landed = step.length, step.scheme, step.landed
     state.counters(buffer).column_steps += 1
     step.before = step.growth
-    if state.extent(buffer).part < state.extent(buffer).parts:
+    if state.work(buffer).part < state.work(buffer).parts:
         parts.add_step_to_parts(buffer, layers, h, landed * h, moment, scheme)
     ended = landed == 1.0  # with its last rates at its end
     if landed < 1.0:
@@ -178,16 +178,16 @@ def advance_explicit(buffer, scene, book, step, layers):
 def advance_implicit(buffer, scene, book, step, layers):
     """Take a step of the implicit scheme; returns the number of layers after it."""
     moment, until = step.duration - step.left, step.left
-    extent = state.extent(buffer)
-    if extent.part < extent.parts:
+    work = state.work(buffer)
+    if work.part < work.parts:
         until = parts.time_in_part(buffer, moment, step.left)
         before_sum = blocks.stage(buffer, blocks.K2)
         vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
-    step.length = step_control.implicit_length(buffer, scene, book, step, layers, until)
+    step.length = implicit.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
     layers = implicit.take_implicit(buffer, scene, rows, step.length)
-    if extent.part < extent.parts:
+    if work.part < work.parts:
         parts.add_integral_to_part(buffer, rows, step.length, moment)
     step.most = max(step.most, rows)
     if scene.layer_full > scene.layer_load:
@@ -211,4 +211,4 @@ def note_passage(buffer, scene, moment):
         if n >= 0:
             passed[i] += share[i] * now[n]
             passing[i] = share[i] * rate[n]
-    record_knot(buffer, state.extent(buffer).recorded_from + moment * scene.transport_velocity)
+    record_knot(buffer, state.work(buffer).recorded_from + moment * scene.transport_velocity)

@@ -71,11 +71,10 @@ def integrate_stages(buffer, h, size):
 @kernel
 def pair_step(buffer, scene, layers, h, moment):
     """Try a step of the explicit pair of order 5; returns its error, a part of what was fed."""
-    size = rates.rows_followed(buffer, layers)
+    size = blocks.rows_followed(buffer, layers)
     for stage in range(2, 8):
         stage_value(buffer, stage, h, size)
         at = moment + C[stage - 2] * h
         rates.column_rates(buffer, scene, blocks.STAGED, layers, blocks.K1 + stage - 1, at)
-    return explicit.embedded_error(
-        buffer, h, layers, (blocks.K3, blocks.K4, blocks.K5, blocks.K6), (E1, E3, E4, E5, E6, E7)
-    )
+    stages = (blocks.K3, blocks.K4, blocks.K5, blocks.K6)
+    return explicit.embedded_error(buffer, h, layers, stages, (E1, E3, E4, E5, E6, E7))

@@ -17,27 +17,27 @@ def wanted(buffer):
 @kernel
 def begin_parts(buffer, count, start):
     """Want the means over `count` parts of a trajectory, the first of which begins at `start` s."""
-    extent = state.extent(buffer)
-    extent.parts, extent.part, extent.parts_from = count, 0.0, start
+    work = state.work(buffer)
+    work.parts, work.part, work.parts_from = count, 0.0, start
 
 
 @kernel
 def time_in_part(buffer, moment, left):
     """Time until the part at hand begins or ends, at most what is left, s."""
-    extent, (ends, _) = state.extent(buffer), wanted(buffer)
-    until = ends[extent.part] - moment
-    if moment < extent.parts_from:
-        until = extent.parts_from - moment
+    work, (ends, _) = state.work(buffer), wanted(buffer)
+    until = ends[work.part] - moment
+    if moment < work.parts_from:
+        until = work.parts_from - moment
     return min(left, until) if until > 0.0 else left
 
 
 @kernel
 def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
     """Add the first `taken` s of an explicit step of h, not yet taken, to the parts it meets."""
-    extent, (ends, _) = state.extent(buffer), wanted(buffer)
-    begin = extent.parts_from if extent.part == 0 else ends[extent.part - 1]
-    while extent.part < extent.parts and begin < moment + taken:
-        end = ends[extent.part]
+    work, (ends, _) = state.work(buffer), wanted(buffer)
+    begin = work.parts_from if work.part == 0 else ends[work.part - 1]
+    while work.part < work.parts and begin < moment + taken:
+        end = ends[work.part]
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
             within.integral_in_step(buffer, layers, h, a, b, scheme)
@@ -48,28 +48,28 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
         if end > moment + taken:
             return
         begin = end
-        extent.part += 1
+        work.part += 1
 
 
 @kernel
 def add_integral_to_part(buffer, rows, h, moment):
     """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
-    extent, (ends, _) = state.extent(buffer), wanted(buffer)
-    if moment < extent.parts_from:
+    work, (ends, _) = state.work(buffer), wanted(buffer)
+    if moment < work.parts_from:
         return
     before, total = blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL)
     out = blocks.trial(buffer, blocks.OF_PART)
-    for i in range((rows + 1) * extent.active):
+    for i in range((rows + 1) * work.active):
         out[i] = total[i] - before[i]
     give_to_part(buffer, rows, h)
-    if moment + h >= ends[extent.part]:
-        extent.part += 1
+    if moment + h >= ends[work.part]:
+        work.part += 1
 
 
 @kernel
 def give_to_part(buffer, rows, duration):
     """Add block OF_PART, the integral over `duration` s, to the part at hand."""
-    part = state.extent(buffer).part
+    part = state.work(buffer).part
     load = state.column(buffer, state.AT.load, int(wanted(buffer)[1][part]))
     passed = state.node_vector(buffer, state.AT.part_passed, part)
     place, share = column.places(buffer)
@@ -82,4 +82,5 @@ def give_to_part(buffer, rows, duration):
         else:
             passed[i] += duration * flux[i]
             passed[i] += share[i] * gone[n] if n >= 0 else 0.0
-    column.add_spread(buffer, load, blocks.trial_load(buffer, blocks.OF_PART), rows)
+    straight = column.places_kept(place)
+    column.add_spread(buffer, straight, load, blocks.trial_load(buffer, blocks.OF_PART), rows)

@@ -4,15 +4,7 @@ A column holds areal masses load[layer, node] in kg/m2; row 0 lies on the screen
 rates; one place here moves mass, `column_rates`, and every sum is kept to round-off.
 """
 
-from vibroscreen.compiler.fours import (
-    all_four,
-    four,
-    four_in,
-    larger,
-    put_four,
-    put_four_in,
-    total,
-)
+from vibroscreen.compiler.fours import all_four, four, four_in, larger, put_four, put_four_in, total
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, reconstruction
@@ -91,7 +83,7 @@ def column_rates(buffer, scene, now, layers, rate, moment):
     upper = (layers - 2) * scene.layer_full
     scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
     lower, upper = reconstruction.faces(buffer, load, layers)
-    falling = follows_share(buffer, layers)
+    falling = blocks.follows_share(buffer, layers)
     cover = cover_of(scene, top) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     lost = pass_through(load, contact, pace, weight, passing, change)
@@ -129,21 +121,9 @@ def column_rates(buffer, scene, now, layers, rate, moment):
 
 
 @kernel
-def follows_share(buffer, layers):
-    """Whether the composition of the top layer is followed beside its masses."""
-    return layers > 1 and state.extent(buffer).source_terms == 0.0
-
-
-@kernel
-def rows_followed(buffer, layers):
-    """Length of the part of a block that a scheme advances."""
-    return (layers + (2 if follows_share(buffer, layers) else 1)) * state.extent(buffer).active
-
-
-@kernel
 def land(buffer, change, row, moment):
     """Add to a row what lands on it `moment` s after the start, kg/(m2 s)."""
-    terms = state.extent(buffer).source_terms
+    terms = state.work(buffer).source_terms
     if terms == 0:
         return
     source = view2(buffer, int(buffer[state.AT.source_now]), 3, change.shape[1])
@@ -172,10 +152,10 @@ def keep_top_share(buffer, layers):
 @kernel
 def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
-    nodes = state.extent(buffer).active
+    nodes = state.work(buffer).active
     fastest = blocks.largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
     percolation = blocks.active_column(buffer, state.AT.percolation)
-    if fastest == 0.0 and state.extent(buffer).source_terms > 0.0:
+    if fastest == 0.0 and state.work(buffer).source_terms > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
         pace = scene.density * scene.passage_velocity / scene.contact_load
         fastest = pace * scene.open_area * (1.0 + scene.open_area)

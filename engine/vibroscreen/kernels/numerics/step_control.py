@@ -9,19 +9,10 @@ from vibroscreen.kernels.numerics import (
     blocks,
     chain,
     explicit,
-    implicit,
+    kinks,
     pair,
-    rates,
     reconstruction,
     within,
-)
-from vibroscreen.kernels.numerics.kinks import (
-    FORETOLD,
-    OVER_MARGIN,
-    allowance,
-    misplaced,
-    miss_of,
-    over_allowed,
 )
 from vibroscreen.kernels.physics import layer, segregation
 
@@ -50,13 +41,6 @@ MOST_WIDER = 5.0
 SLACK = 0.12
 # Parts of the step that an estimate allows.
 SAFETY, SAFETY_WIDE = 0.93, 0.85
-
-
-@kernel
-def first_step(scene, duration):
-    """A first implicit step: the time in which the screen could take the contact layer once, s."""
-    pace = scene.passage_velocity * scene.density / scene.contact_load
-    return min(duration, 0.25 / pace) if pace > 0.0 else duration
 
 
 @kernel
@@ -118,11 +102,7 @@ def longest_step(scheme, h, fastest):
     """A step that may be a little longer than h, but for stability, s."""
     if fastest == 0.0:
         return STRETCH * h
-    most = (
-        explicit.STABLE
-        if scheme == explicit.PAIR
-        else chain.CHAIN_STABLE[chain.CHAIN_MOST - chain.CHAIN_LEAST]
-    )
+    most = explicit.STABLE if scheme == explicit.PAIR else chain.REACH
     return min(STRETCH * h, max(h, most / fastest))
 
 
@@ -132,9 +112,9 @@ def planned_length(buffer, scene, book, step, layers, mass):
     growth, kink = step.growth, step.kink
     scheme, h = choose_scheme(buffer, book, step.fastest, step.left)
     cut = 0.0 < kink < STRETCH * h
-    passes = cut and growth < 0.0 and rates.follows_share(buffer, layers)
+    passes = cut and growth < 0.0 and blocks.follows_share(buffer, layers)
     if passes:
-        over = over_allowed(buffer, scene, book, layers, h, growth)
+        over = kinks.over_allowed(buffer, scene, book, layers, h, growth)
         if over > 0.0:
             cut = False
             h = min(h, (mass + over) / -growth)
@@ -156,22 +136,23 @@ def explicit_length(buffer, scene, book, step, layers):
     staged = blocks.stage_load(buffer, blocks.STAGED)
     full = scene.layer_full if layers > 1 else scene.contact_load
     mass = layer.layer_mass(blocks.stage_load(buffer, blocks.NOW), layers - 1)
-    miss = miss_of(buffer, layers, step.growth) * full
-    kinks = has_kinks(buffer)
-    first = book.wide == 0.0 and state.extent(buffer).parts > 0
+    miss = kinks.miss_of(buffer, layers, step.growth) * full
+    sorted_bed = has_kinks(buffer)
+    first = book.wide == 0.0 and state.work(buffer).parts > 0
     cut, passes = planned_length(buffer, scene, book, step, layers, mass)
     landings = 0
     while True:
         h, scheme = step.length, step.scheme
-        allowed = margin_of(scheme, kinks) * allowance(buffer, scene, book, h)
+        allowed = margin_of(scheme, sorted_bed) * kinks.allowance(buffer, scene, book, h)
         error = try_explicit(buffer, scene, step, layers) / allowed
-        if scheme == explicit.PAIR and not kinks and state.extent(buffer).source_terms == 0:
+        if scheme == explicit.PAIR and not sorted_bed and state.work(buffer).source_terms == 0:
             error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
         moved = abs(layer.layer_mass(staged, layers - 1) - mass)
         lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
         if lands and passes:
-            most = FORETOLD * OVER_MARGIN * allowance(buffer, scene, book, h)
-            lands = misplaced(buffer, scene, layers, blocks.STAGED, blocks.K7, moved - mass) > most
+            most = kinks.FORETOLD * kinks.OVER_MARGIN * kinks.allowance(buffer, scene, book, h)
+            over = moved - mass
+            lands = kinks.misplaced(buffer, scene, layers, blocks.STAGED, blocks.K7, over) > most
         if lands:
             # Past a kink: the step ends there, and is tried anew where its error came from that.
             change = step.distance if step.growth > 0.0 else -step.distance
@@ -193,7 +174,7 @@ def explicit_length(buffer, scene, book, step, layers):
             counter.column_steps_forced += 1
         if first and scheme == explicit.PAIR:  # of a cohort: the next one begins with it
             book.first_pace = fit
-        plan_next(buffer, book, step, layers, fit, allowed, kinks, cut)
+        plan_next(buffer, book, step, layers, fit, allowed, sorted_bed, cut)
         return
 
 
@@ -201,106 +182,30 @@ def explicit_length(buffer, scene, book, step, layers):
 def try_explicit(buffer, scene, step, layers):
     h, moment = step.length, step.duration - step.left
     if step.scheme == explicit.CHAIN:
-        return chain.chain_step(
-            buffer, scene, layers, h, chain.chain_stages(h * step.fastest), moment
-        )
+        stages = chain.chain_stages(h * step.fastest)
+        return chain.chain_step(buffer, scene, layers, h, stages, moment)
     return pair.pair_step(buffer, scene, layers, h, moment)
 
 
 @kernel
-def margin_of(scheme, kinks):
+def margin_of(scheme, sorted_bed):
     """How far above the tolerance the estimate of a scheme may be."""
-    return MARGIN_SORTED[scheme] if kinks else MARGIN[scheme]
+    return MARGIN_SORTED[scheme] if sorted_bed else MARGIN[scheme]
 
 
 @kernel
-def plan_next(buffer, book, step, layers, fit, allowed, kinks, cut):
+def plan_next(buffer, book, step, layers, fit, allowed, sorted_bed, cut):
     """Keep the steps that the next ones of the pair and of the chain may have."""
     counter = state.counters(buffer)
     if step.scheme == explicit.PAIR:
         book.pace = max(fit, book.pace) if cut else fit
-        margin = margin_of(explicit.PAIR, kinks)
-        error = (
-            explicit.third_order_error(buffer, step.length, layers)
-            * margin
-            / (allowed * MARGIN_WIDE)
-        )
+        margin = margin_of(explicit.PAIR, sorted_bed)
+        error = explicit.third_order_error(buffer, step.length, layers)
+        error = error * margin / (allowed * MARGIN_WIDE)
         book.wide = step.length * min(MOST_WIDER, SAFETY_WIDE / sqrt(max(error, 1e-10)))
         counter.pair_steps += 1
     else:
         # No step was tried that is longer than the chain is stable.
-        fit = min(fit, chain.CHAIN_STABLE[chain.CHAIN_MOST - chain.CHAIN_LEAST] / step.fastest)
+        fit = min(fit, chain.REACH / step.fastest)
         book.wide = max(fit, book.wide) if cut else fit
         counter.chain_steps += 1
-
-
-@kernel
-def implicit_length(buffer, scene, book, step, layers, left):
-    """Find the length of an implicit step that meets the tolerance, its trials done; s."""
-    counter = state.counters(buffer)
-    moment = step.duration - step.left
-    if book.step <= 0.0:
-        book.step, book.order = first_step(scene, left), 3
-    while True:
-        planned, order = book.step, book.order
-        h = left if planned > 0.99 * left else min(planned, 0.5 * left)
-        if step.shortest < step.kink < h:
-            h = step.kink
-        used = try_implicit(buffer, scene, layers, h, moment, book)
-        if used < 0 and h > step.shortest:
-            counter.column_steps_rejected += 1
-            continue
-        if used < 0:
-            counter.column_steps_forced += 1
-            book.step = 4.0 * h
-        elif h < planned:
-            book.step, book.order = max(planned, book.step), max(order, book.order)
-        return h
-
-
-@kernel
-def try_implicit(buffer, scene, layers, h, moment, book):
-    """Raise the order until the error of a step of h meets the tolerance.
-
-    Returns the number of trials, negative if it does not meet it; the next step and order go to
-    `book`.
-    """
-    allowed = allowance(buffer, scene, book, h)
-    counter = state.counters(buffer)
-    target = book.order
-    rows = implicit.rows_in_use(
-        buffer, scene, blocks.stage_load(buffer, blocks.NOW), layers, h, moment
-    )
-    book.rows = rows
-    last, last_cost, last_fit = 1.0, 1e300, h
-    used = 0
-    for k in range(min(target + 1, state.MAX_ORDER)):
-        implicit.run_trial(buffer, scene, k, layers, rows, h, moment)
-        counter.sub_steps += k + 1
-        implicit.extrapolate(buffer, k, rows)
-        used = k + 1
-        if k == 0:
-            continue
-        error = max(implicit.step_error(buffer, rows) / allowed, 1e-30)
-        fit = h * min(6.0, max(0.1, 0.9 * raised(0.5 / error, 1.0 / used)))
-        cost = trial_cost(used) / fit
-        if error <= 1.0:
-            book.order, book.step = used, fit
-            if last_cost < 0.9 * cost:
-                book.order, book.step = used - 1, last_fit
-            elif used < state.MAX_ORDER - 1:
-                book.order, book.step = used + 1, trial_cost(used + 1) / cost
-            return used
-        gain = min(1.0, error / last) if k > 1 else 0.1
-        expected = error * raised(gain, target - used)
-        book.step = h * min(0.6, max(0.1, 0.9 * raised(0.5 / expected, 1.0 / target)))
-        if k > 1 and expected * gain > 4.0:
-            break
-        last, last_cost, last_fit = error, cost, fit
-    return -used
-
-
-@kernel
-def trial_cost(order):
-    """Basic steps of an extrapolated step of this order, and one for its overhead."""
-    return 1.0 + 0.5 * order * (order + 1)

@@ -1,6 +1,7 @@
 """Vectors and the rows of columns: what is done to all of their numbers, one after the other.
 
-add: to + factor x; divide: a vector and the first rows of a column, by one number.
+add: to + factor x; multiple: factor x; ratio: x / divisor; divide: a vector and the first rows of a
+column, by one number.
 """
 
 from vibroscreen.compiler.language import kernel
@@ -22,6 +23,18 @@ def copy(to, x):
 def add(to, factor, x):
     for i in range(to.size):
         to[i] += factor * x[i]
+
+
+@kernel
+def multiple(to, factor, x):
+    for i in range(to.size):
+        to[i] = factor * x[i]
+
+
+@kernel
+def ratio(to, x, divisor):
+    for i in range(to.size):
+        to[i] = x[i] / divisor
 
 
 @kernel

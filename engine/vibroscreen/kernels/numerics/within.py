@@ -40,7 +40,7 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
     """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
     y, new, k1, k7 = blocks.step_ends(buffer)
     out = blocks.trial(buffer, blocks.OF_PART)
-    size = (layers + 1) * state.extent(buffer).active
+    size = (layers + 1) * state.work(buffer).active
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
     for i in range(0, size, 4):
         one = start * four(y, i) + gd * (four(new, i) - four(y, i))
@@ -94,7 +94,7 @@ def land_in_step(buffer, layers, h, t, scheme):
     """End a step that is not yet taken at its part t: its column and time integral."""
     total, staged = blocks.stage(buffer, blocks.INTEGRAL), blocks.stage(buffer, blocks.STAGED)
     out = blocks.trial(buffer, blocks.OF_PART)
-    size = (layers + 1) * state.extent(buffer).active
+    size = (layers + 1) * state.work(buffer).active
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
     for i in range(0, size, 4):
         put_four(total, i, four(total, i) + four(out, i))
@@ -106,7 +106,7 @@ def land_in_step(buffer, layers, h, t, scheme):
 @kernel
 def sum_step(buffer, layers, h, scheme):
     """Add the time integral of a whole explicit step of any scheme."""
-    size = (layers + 1) * state.extent(buffer).active
+    size = (layers + 1) * state.work(buffer).active
     if scheme == explicit.PAIR:
         pair.integrate_stages(buffer, h, size)
     else:

@@ -1,0 +1,143 @@
+"""Offsets and shapes of the buffer in Python: views and records by name (kernels/state.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroscreen.compiler.fours import in_fours
+from vibroscreen.compiler.language import Record, Row
+from vibroscreen.kernels.state import (
+    ALARM,
+    ALARM_COUNT,
+    DECK_RESULT,
+    DIMENSION,
+    FIELD,
+    FIGURE,
+    HEADER_SIZE,
+    INPUT,
+    INTERMEDIATE,
+    KINDS,
+    MAX_HARMONICS,
+    OUTPUT,
+    OVER,
+    PANEL,
+    PARAMETER,
+    SECTIONS,
+)
+
+__all__ = ["LINE", "Layout"]
+
+# Numbers in a line of a processor's cache: fields of the work begin at one, and so does a buffer.
+LINE = 8
+
+Array = NDArray[np.float64]
+
+
+def _extent(known: Mapping[str, int], symbol: str | int | Record) -> int:
+    if isinstance(symbol, Record):
+        return len(symbol)
+    return known[symbol] if isinstance(symbol, str) else symbol
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets and shapes of all fields for given dimensions.
+
+    `dimension` maps every name of DIMENSION to a whole number.
+    """
+
+    dimension: dict[str, int]
+    offset: dict[str, int] = field(init=False)
+    shape: dict[str, tuple[int, ...]] = field(init=False)
+    span: dict[str, slice] = field(init=False)
+    section: dict[str, slice] = field(init=False)
+    size: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        known = dict(self.dimension)
+        known["edges"] = known["classes"] + 1
+        known["seen"] = (
+            len(PARAMETER)
+            + len(INPUT)
+            + known["classes"]
+            + known["decks"] * known["panels"] * len(PANEL)
+            + 5 * MAX_HARMONICS
+        )
+        known["all_panels"] = known["decks"] * known["panels"]
+        known["setting"] = sum(
+            prod(_extent(known, symbol) for symbol in symbols)
+            for title in ("parameters", "inputs")
+            for symbols in SECTIONS[title].values()
+        )
+        known["lower_decks"] = known["decks"] - 1
+        known["result"] = (
+            len(FIGURE)
+            + len(OUTPUT)
+            + known["decks"] * len(DECK_RESULT)
+            + known["lower_decks"] * len(INTERMEDIATE)
+            + ALARM_COUNT * len(ALARM)
+            + (OVER + known["decks"]) * known["classes"]
+        )
+        known["deck_streams"] = 2 * known["decks"]
+        known["streams"] = OVER + known["decks"]
+        known["ledger_rows"] = 2 * known["streams"]
+        known["knot_rows"] = known["decks"] * known["knots"]
+        known["fall_rows"] = known["decks"] * known["falls"]
+        known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
+        known["block"] = (known["layers"] + 2) * known["sizes"]
+        offset: dict[str, int] = {}
+        shape: dict[str, tuple[int, ...]] = {}
+        span: dict[str, slice] = {}
+        section: dict[str, slice] = {}
+        position = HEADER_SIZE
+        for title, fields in SECTIONS.items():
+            start = position
+            for name, symbols in fields.items():
+                if title == "work":
+                    position = (position + LINE - 1) // LINE * LINE
+                shape[name] = tuple(_extent(known, symbol) for symbol in symbols)
+                offset[name] = position
+                position += prod(shape[name])
+                span[name] = slice(offset[name], position)
+            section[title] = slice(start, position)
+        for name, value in (
+            ("offset", offset),
+            ("shape", shape),
+            ("span", span),
+            ("section", section),
+            ("size", position),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def persistent(self) -> slice:
+        """All that an instance must remember: parameters to state."""
+        return slice(self.section["parameters"].start, self.section["state"].stop)
+
+    def buffer(self) -> Array:
+        """A zeroed buffer with its header written."""
+        room = np.zeros(self.size + LINE)
+        start = -room.ctypes.data // 8 % LINE
+        buffer = room[start : start + self.size]
+        buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
+        buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
+        return buffer
+
+    def view(self, buffer: Array, name: str) -> Array:
+        """The field `name` of `buffer`, shaped; writing to it writes the buffer."""
+        return buffer[self.span[name]].reshape(self.shape[name])
+
+    def record(self, buffer: Array, name: str) -> Any:
+        """The record `name` of `buffer`, or an array of them: `.aperture` reads and writes it."""
+        kind = KINDS[name]
+        *extents, _ = self.shape[name]
+        if not extents:
+            return Row(buffer, self.offset[name], kind)
+        rows = buffer[self.span[name]].view(np.dtype((np.record, kind.dtype)))
+        return rows.reshape(extents).view(np.recarray)
