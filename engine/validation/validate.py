@@ -17,6 +17,7 @@ import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
 import survey_planning
+import typical_practice
 from evidence import PICTURES, REPORT, Section
 
 HEAD = """\
@@ -34,6 +35,7 @@ SECTIONS: tuple[Section, ...] = (
     bed_velocity.SECTION,
     *dem_calibration.SECTIONS,
     engineering_rules.SECTION,
+    typical_practice.SECTION,
 )
 
 

@@ -1,8 +1,8 @@
 """What a screen is: frozen dataclasses in SI, checked once, read from and written to TOML.
 
 Every field names its TOML key, unit and limits in its metadata (`fields.py`); `ScreenConfig.load`
-reads a file, `to_toml` writes one that gives the same configuration back. Messages name the
-variable as the FMU does, its value, the limit and the cure.
+reads a file, `to_toml` writes one that gives the same configuration back. Messages name the key of
+the file, else the variable as the FMU does, its value, the limit and the cure.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from vibroscreen import fields
-from vibroscreen.errors import ConfigError, InputError, given, told
-from vibroscreen.fields import Choice, Section, Sections, Text, entries, number, of, said
+from vibroscreen.errors import ConfigError, Faults
+from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
+from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.sections import (
     Bed,
@@ -37,7 +38,7 @@ from vibroscreen.sections import (
     Segregation,
     Solver,
 )
-from vibroscreen.size_classes import SizeClasses
+from vibroscreen.size_classes import SizeClasses, coarse_first
 from vibroscreen.stream import Feed, checked_fractions
 from vibroscreen.units import DEG, MM
 
@@ -56,15 +57,6 @@ ROSIN_RAMMLER = (0.30, 0.87)
 # --- [motion]: one table for every kind ----------------------------------------------------------
 class _MotionTable(Protocol):
     def motion(self) -> Motion: ...
-
-
-@dataclass(frozen=True)
-class _Part:
-    order: int = number(1, "order", whole=True)
-    along: float = number(0.0, "along_mm", "m", MM)
-    along_phase: float = number(0.0, "along_phase_deg", "rad", DEG)
-    normal: float = number(0.0, "normal_mm", "m", MM)
-    normal_phase: float = number(0.0, "normal_phase_deg", "rad", DEG)
 
 
 _AMPLITUDE, _FREQUENCY, _THROW_ANGLE, _ELLIPTICITY = (
@@ -106,7 +98,7 @@ class _Harmonics:
     amplitude: float = said(0.0, _AMPLITUDE)
     throw_angle: float = said(0.0, _THROW_ANGLE)
     ellipticity: float = said(0.0, _ELLIPTICITY)
-    harmonic: tuple[_Part, ...] = said((), Sections("harmonic", _Part))
+    harmonic: tuple[Harmonic, ...] = said((), Sections("harmonic", Harmonic))
 
     def motion(self) -> Motion:
         if not self.harmonic:
@@ -114,9 +106,8 @@ class _Harmonics:
                 'motion.harmonic is missing, motion.kind = "harmonics" has no other movement: '
                 "give at least one [[motion.harmonic]]"
             )
-        parts = tuple(Harmonic(**vars(part)) for part in self.harmonic)
         fundamental = (self.frequency, self.amplitude, self.throw_angle, self.ellipticity)
-        return Motion(*fundamental, harmonic=parts)
+        return Motion(*fundamental, harmonic=self.harmonic)
 
 
 _KINDS: dict[str, Callable[..., _MotionTable]] = {
@@ -125,6 +116,9 @@ _KINDS: dict[str, Callable[..., _MotionTable]] = {
     "elliptical": _Elliptical,
     "harmonics": _Harmonics,
 }
+
+
+_KIND = Choice("kind", lambda: tuple(_KINDS))
 
 
 def _kind_of(motion: Motion) -> str:
@@ -140,27 +134,29 @@ def _kind_of(motion: Motion) -> str:
 class _MotionSection(Section):
     """[motion]: the key `kind` says which other keys there are."""
 
-    def paths(self) -> Iterator[str]:
-        yield f"{self.key}.kind"
-        below = (path for kind in _KINDS.values() for path in fields.paths(kind))
-        yield from dict.fromkeys(f"{self.key}.{path}" for path in below)
+    def leaves(self) -> Iterator[tuple[str, Entry]]:
+        yield f"{self.key}.kind", _KIND
+        for path, entry in dict(leaf for k in _KINDS.values() for leaf in fields.leaves(k)).items():
+            yield f"{self.key}.{path}", entry
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if not isinstance(raw, Mapping):
             return super().read(name, raw, folder)
-        kind = Choice("kind", lambda: tuple(_KINDS)).check(
-            f"{name}.kind", raw.get("kind", "linear")
-        )
+        kind = _KIND.check(f"{name}.kind", raw.get("kind", "linear"))
         table = {key: value for key, value in raw.items() if key != "kind"}
-        known = {entry.key for entry in entries(_KINDS[kind]).values()}
-        for key in table.keys() - known:
-            for other, table_kind in _KINDS.items():
-                if key in {entry.key for entry in entries(table_kind).values()}:
-                    raise ConfigError(
-                        f'{name}.{key} is unknown for kind = "{kind}": it belongs to '
-                        f'kind = "{other}"'
-                    )
-        return fields.read_table(_KINDS[kind], table, name, folder).motion()
+        known = {other: {e.key for e in entries(k).values()} for other, k in _KINDS.items()}
+        faults = Faults()
+        for key in [key for key in table if key not in known[kind]]:
+            owner = next((other for other in known if key in known[other]), None)
+            if owner:
+                del table[key]
+                faults.append(
+                    f'{name}.{key} is unknown for kind = "{kind}": it belongs to kind = "{owner}"'
+                )
+        with faults:
+            motion = fields.read_table(_KINDS[kind], table, name, folder).motion()
+        faults.tell()
+        return motion
 
     def write(self, value: Motion) -> Any:
         kind = _kind_of(value)
@@ -172,7 +168,7 @@ class _MotionSection(Section):
         if kind == "circular":
             given["sense"] = next(name for name, e in SENSES.items() if e == value.ellipticity)
         if kind == "harmonics":
-            given["harmonic"] = tuple(_Part(**vars(part)) for part in value.harmonic)
+            given["harmonic"] = value.harmonic
         return {"kind": kind, **fields.write_table(_KINDS[kind](**given))}
 
 
@@ -201,13 +197,10 @@ class ScreenConfig:
 
     def __post_init__(self) -> None:
         fields.check_fields(self, "")
-        self._complete_feed()
-        for deck_place, deck in enumerate(self.decks, start=1):
-            if not math.isclose(deck.length, self.decks[0].length, rel_tol=1e-9):
-                name, first = f"deck[{deck_place}].panel[1].length", self.decks[0].length
-                raise ConfigError(told("unequal_decks", name=name, value=deck.length, limit=first))
-            for place, panel in enumerate(deck.panels, start=1):
-                self._check_panel(f"deck[{deck_place}].panel[{place}]", panel)
+        faults = Faults(self._faults())
+        with faults:
+            self._complete_feed()
+        faults.tell()
 
     @classmethod
     def load(cls, path: str | Path) -> ScreenConfig:
@@ -227,10 +220,13 @@ class ScreenConfig:
     @classmethod
     def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> ScreenConfig:
         """Configuration from the tree of a TOML file; file names are relative to `folder`."""
-        try:
-            return fields.read_table(cls, tree, "", Path(folder))
-        except InputError as error:
-            raise ConfigError(str(error)) from None
+        with reading(cls, tree):
+            try:
+                return fields.read_table(cls, tree, "", Path(folder))
+            except ConfigError as error:
+                if coarse_first(file_value("size_classes", "edges_mm")):
+                    error.add_note("sizes stand coarsest first: places in lists count from the end")
+                raise
 
     @classmethod
     def default(cls) -> ScreenConfig:
@@ -287,41 +283,43 @@ class ScreenConfig:
         feed = self.feed
         fractions = feed.mass_fraction or typical_fractions(self.size_classes.edges)
         feed = dataclasses.replace(feed, mass_fraction=fractions)
-        try:
-            feed.check_classes(self.size_classes.count)
-            # They are the start values even of a screen that starts without feed.
-            fractions = checked_fractions(fractions)
-        except InputError as error:
-            raise ConfigError(str(error)) from None
+        feed.check_classes(self.size_classes.count)
+        # They are the start values even of a screen that starts without feed.
+        fractions = checked_fractions(fractions)
         object.__setattr__(self, "feed", dataclasses.replace(feed, mass_fraction=fractions))
 
-    def _check_panel(self, name: str, panel: Panel) -> None:
-        try:
-            self.passage.velocity_at(panel.aperture)
-        except ConfigError as error:
-            raise ConfigError(f"{name}.{error}") from None
-        slope, friction = abs(math.tan(panel.inclination)), self.material.friction_base
-        if self.displacement.model == "rigid_body" and slope >= friction:
-            raise ConfigError(
-                told(
-                    "too_steep",
-                    given=given(f"{name}.inclination", panel.inclination, "rad"),
-                    degrees=panel.inclination / DEG,
-                    slope=slope,
-                    limit=friction,
-                )
-            )
-        if self.displacement.model == "bed":
-            steepest = bed_friction(friction, BED_CONSTANTS[2])
-            if math.tan(panel.inclination) > steepest:
-                warnings.warn(
-                    f"{name}.inclination = {panel.inclination:.6g} rad "
-                    f"({panel.inclination / DEG:.6g} deg, slope {slope:.4g}) is above "
-                    f"{steepest:.4g}, the friction of a bed on a base of friction {friction:.4g}, "
-                    "up to which the displacement model bed was checked: take its velocity as a "
-                    "guess, or make the panel flatter",
-                    stacklevel=2,
-                )
+    def _faults(self) -> Iterator[str]:
+        """What is wrong with the decks, one by one and together."""
+        first, above = self.decks[0].length, math.inf
+        for place, deck in enumerate(self.decks, start=1):
+            if not math.isclose(deck.length, first, rel_tol=1e-9):
+                name = f"deck[{place}].panel[1]"
+                yield told_of(Panel, "length", name, "unequal_decks", deck.length, first)
+            for number, panel in enumerate(deck.panels, start=1):
+                name = f"deck[{place}].panel[{number}]"
+                yield from self._aperture_faults(name, panel.aperture, deck.length)
+                if panel.aperture > above and panel.open_area > 0.0:
+                    yield told_of(Panel, "aperture", name, "coarser_below", panel.aperture, above)
+                yield from self._slope_faults(name, panel.inclination)
+            above = max(panel.aperture for panel in deck.panels)
+
+    def _aperture_faults(self, name: str, aperture: float, length: float) -> Iterator[str]:
+        if aperture > length:
+            yield told_of(Panel, "aperture", name, "short_deck", aperture, length)
+        if (end := self.passage.off_table(aperture)) is not None:
+            yield told_of(Panel, "aperture", name, "off_table", aperture, end)
+
+    def _slope_faults(self, name: str, inclination: float) -> Iterator[str]:
+        """What is wrong with a slope; a bed that is steeper than was checked is a warning."""
+        slope, friction = math.tan(inclination), self.material.friction_base
+        degrees = inclination / DEG
+        steep = partial(told_of, Panel, "inclination", name, value=inclination)
+        steep = partial(steep, degrees=degrees, slope=slope, number=friction)
+        if self.displacement.model == "rigid_body" and abs(slope) >= friction:
+            yield steep(text="too_steep", limit=friction)
+        steepest = bed_friction(friction, BED_CONSTANTS[2])
+        if self.displacement.model == "bed" and slope > steepest:
+            warnings.warn(steep(text="steep_bed", limit=steepest), stacklevel=2)
 
 
 # An attribute that leads to a number, with the place in it where it is a list; steps and a value.
@@ -392,7 +390,7 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
 
 def legal_keys() -> tuple[str, ...]:
     """Every key of a configuration file, in full, such as `deck.panel.aperture_mm`."""
-    return fields.paths(ScreenConfig)
+    return tuple(path for path, _ in fields.leaves(ScreenConfig))
 
 
 def _toml_tree(text: str) -> dict[str, Any]:

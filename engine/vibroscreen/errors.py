@@ -6,9 +6,10 @@ A message names the variable, its value with the unit, what is wrong with it and
 
 from __future__ import annotations
 
+from types import TracebackType
 from typing import Any
 
-__all__ = ["TEXT", "ConfigError", "InputError", "given", "told", "with_unit"]
+__all__ = ["TEXT", "ConfigError", "Faults", "InputError", "given", "told", "with_unit"]
 
 # What the runtimes of an FMU say, with and without Python: this table is all there is of it. In
 # braces stand names of texts, or of numbers with the digits that are shown. {given} is a name, its
@@ -19,10 +20,13 @@ TEXT = {
     "too_small": "{given} is out of range{range}: {cure}",
     "too_large": "{given} is out of range{range}: {cure}",
     "bad_sum": "feed.mass_fraction sums to {value:.6g}, not to 1 within {limit:.6g}: give the mass "
-    "fractions of all size classes",
+    "fractions of all size classes, or divide each by the sum",
     "too_steep": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is too steep for the friction at "
     "the base ({limit:.4g}), a rigid body would run away: make the deck flatter or use "
     'displacement.model = "bed" or "prescribed"',
+    "steep_bed": "{given} ({degrees:.4g} deg, slope {slope:.4g}) is above {limit:.4g}, the "
+    "friction of a bed on a base of friction {number:.4g}, up to which the displacement model bed "
+    "was checked: take its velocity as a guess, or make the panel flatter",
     "no_velocity": "{name} = {number:.6g} gives a bed velocity of {value:.6g} m/s, which is not "
     "finite: mend the displacement model",
     "no_time": "dt = {value:.6g} s is not a finite positive time: give a step in seconds",
@@ -30,14 +34,17 @@ TEXT = {
     "no_choice": "{name} = {value:.6g} is none of the choices of this screen: {cure}",
     "two_limits": "{name} = {value:.6g} m differs from the lower limit of the next class "
     "({limit:.6g} m): set both to the same",
-    "not_ascending": "{name} = {value:.6g} m is not larger than the limit below it ({limit:.6g} "
-    "m): list the limits in ascending order",
-    "short_deck": "{name} = {value:.6g} m is larger than the deck is long ({limit:.6g} m): were "
-    "millimetres meant? give aperture_mm or metres",
+    "not_ascending": "{given} is not larger than the limit below it ({limit:.6g} {unit}): list the "
+    "limits finest first, and what belongs to them in the same order",
+    "short_deck": "{given} is larger than the deck is long ({limit:.6g} {unit}): give the clear "
+    "opening of the medium",
     "unequal_decks": "{name}: this deck is {value:.6g} m long, deck[1] is {limit:.6g} m: decks of "
     "one box are equally long, change the lengths of the panels",
-    "off_table": "{name} = {value:.6g} m lies outside of passage.velocity_table, which ends at "
-    "{limit:.6g} m: add rows to the table or give passage.velocity",
+    "coarser_below": "{given} is larger than any opening of the deck above ({limit:.6g} {unit}), "
+    "here nothing would be screened: list the coarsest deck first, or swap the two",
+    "two_velocities": "{given} is given beside passage.velocity_table: give one of them",
+    "off_table": "{given} lies outside of passage.velocity_table, which ends at {limit:.6g} "
+    "{unit}: add rows to the table or give passage.velocity",
     "little_room": "solver.packages = {value:.6g} is too little room for the {limit:.6g} cells of "
     "a deck: give at least {other_limit:.6g}, or 0 for the engine's choice",
     # of calls of the interface
@@ -69,7 +76,7 @@ TEXT = {
     "or feed less",
     "not_conveyed": "the vibration does not convey the bed down deck {number:.6g}, which piles up: "
     "turn the throw angle or the sense of rotation, or incline the deck more",
-    "steep_bed": "deck {number:.6g} is inclined by {degrees:.4g} deg (slope {slope:.4g}), more "
+    "beyond_bed": "deck {number:.6g} is inclined by {degrees:.4g} deg (slope {slope:.4g}), more "
     "than the friction of a bed ({limit:.4g}) up to which the displacement model bed was checked: "
     "take its velocity as a guess",
     "high_throw": "the throw number of deck {number:.6g} is {value:.4g}, above {limit:.4g}, up to "
@@ -109,8 +116,13 @@ def told(text: str, **values: Any) -> str:
 class ConfigError(ValueError):
     """A configuration that describes no screen: an unknown key, a wrong type, a value out of range.
 
-    The message starts with the key or the variable as the user writes it.
+    Every message starts with the key or the variable as the user writes it. `errors` holds all that
+    is wrong, a message each; the text is a line of each.
     """
+
+    def __init__(self, *errors: str) -> None:
+        super().__init__("\n".join(errors))
+        self.errors = errors
 
 
 class InputError(ValueError):
@@ -123,3 +135,28 @@ class InputError(ValueError):
     def __init__(self, message: str, variable: str | None = None) -> None:
         super().__init__(message)
         self.variable: str = variable or message.partition(" ")[0]
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The message, as of a ConfigError."""
+        return (str(self),)
+
+
+class Faults(list[str]):
+    """What is wrong with a configuration, to be told at once: `with faults:` around every part."""
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, ConfigError | InputError):
+            return False
+        self.extend(error.errors)
+        return True
+
+    def tell(self) -> None:
+        """Raise ConfigError of all, if there are any."""
+        if self:
+            raise ConfigError(*self) from None

@@ -5,8 +5,8 @@ tree, the checks of every value, the writer and the list of legal keys; no key i
 
     length: float = number(6.0, "length_m", "m", above=0.0, at_most=100.0)
 
-Names in messages are relative to the dataclass (`panel.aperture`); where a list of tables is read
-they get their place in it (`deck[1].panel[1].aperture`).
+Messages speak as the user does: while a file is read (`keys.reading`) they name its keys and give
+values and limits in their units (`deck[1].panel[1].aperture_mm = 16000`), else fields in SI.
 """
 
 from __future__ import annotations
@@ -14,23 +14,25 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-import re
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vibroscreen.errors import ConfigError, InputError, given, told, with_unit
+from vibroscreen.errors import ConfigError, Faults, InputError, given, told, with_unit
+from vibroscreen.keys import WORDS, Unit, meant_units, of_file, split
 
 T = TypeVar("T")
 Metadata = Mapping[str, "Entry"]
 
-# What a value far too large usually is: unit -> (unit meant, unit asked for).
-_CONFUSED = {"m": ("millimetres", "metres"), "rad": ("degrees", "radians")}
+# Kinds of which a screen has one number only: their units alone say which is meant.
+_ALONE = ("Hz", "kg/s", "kg/m3")
+# What is further out of range than this was meant in another unit.
+FAR = 1.5
 # Reaches every double: 17 digits tell any two of them apart.
 _DIGITS = range(1, 18)
 
@@ -45,9 +47,18 @@ class Entry(ABC):
         """TOML keys that give this field; at most one of them may be used."""
         return (self.key,)
 
-    def paths(self) -> Iterable[str]:
-        """Full names of the legal keys below this entry."""
-        return self.keys
+    def leaves(self) -> Iterable[tuple[str, Entry]]:
+        """Full names of the legal keys below this entry, each with its own entry."""
+        return ((key, self) for key in self.keys)
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        """What to write for the value of an unknown key; None if it means something else."""
+        del path, key, raw
+        return None
+
+    def called(self, field: str) -> str:
+        """Name in messages of the field of that name."""
+        return self.key if of_file() else field
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         """Value in SI from the TOML value of the key `name`; its type is left to `check`."""
@@ -67,10 +78,11 @@ class Entry(ABC):
 class Number(Entry):
     """A number in SI, said once: reader, checks, messages, buffer and FMU variable follow.
 
-    `factor` converts the unit of the TOML key to SI. tells: what a reader is told of it; cure: what
-    to do about a value out of range. variability: "tunable" while the screen runs, "fixed" before,
-    "constant" since it was built, "continuous" for an input; "" for what is no number of the
-    engine. slack: how far beyond its limits a value is taken for round-off while it runs.
+    `factor` converts the unit of the TOML key to SI. also: other words for it, as people begin its
+    key. tells: what a reader is told of it; cure: what to do about a value out of range.
+    variability: "tunable" while the screen runs, "fixed" before, "constant" since it was built,
+    "continuous" for an input; "" for what is no number of the engine. slack: how far beyond its
+    limits a value is taken for round-off while it runs.
     """
 
     key: str
@@ -84,6 +96,7 @@ class Number(Entry):
     optional: bool = False
     tells: str = ""
     cure: str = ""
+    also: str = ""
     variability: str = "fixed"
     slack: float = 0.0
     error: type[ConfigError | InputError] = ConfigError
@@ -100,8 +113,7 @@ class Number(Entry):
         plain = type(value) is float and not self.whole
         if not plain and (isinstance(value, bool) or not isinstance(value, wanted)):
             kind = "a whole number" if self.whole else "a number"
-            cure = self.cure_of("not_finite")
-            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {cure}")
+            raise self.error(f"{name} = {value!r} is not {kind}{self.range}: {self.plain_cure}")
         number = as_float(value)
         least, most = self.limits
         if not math.isfinite(number):
@@ -114,8 +126,33 @@ class Number(Entry):
 
     def refusal(self, name: str, number: float, text: str) -> Exception:
         """The error of a number of which `text` (errors.TEXT) is told."""
-        about = {"given": given(name, number, self.unit), "range": self.range}
-        return self.error(told(text, **about, cure=self.cure_of(text)))
+        return self.error(self.told(text, name, number))
+
+    def told(self, text: str, name: str, value: float, bound: float = 0.0, **more: float) -> str:
+        """The text of that key about a value and its bound in SI, in the user's unit."""
+        factor, unit = self.spoken
+        shown = from_si(value, factor)
+        about: dict[str, Any] = {
+            "name": name,
+            "given": given(name, shown, "" if of_file() else unit),
+            "value": shown,
+            "limit": from_si(bound, factor),
+            "unit": unit,
+            "range": self.range,
+            "cure": self.cure_of(text, value),
+        }
+        return told(text, **{**about, **more})
+
+    @cached_property
+    def written(self) -> Unit:
+        """The unit of the TOML key."""
+        unit = split(self.key)[1]
+        return unit if unit and unit.si == self.unit else Unit(self.unit, self.unit)
+
+    @property
+    def spoken(self) -> tuple[float, str]:
+        """Factor to SI and unit of what the user is told."""
+        return (self.factor, self.written.text) if of_file() else (1.0, self.unit)
 
     @cached_property
     def limits(self) -> tuple[float, float]:
@@ -137,31 +174,91 @@ class Number(Entry):
     @property
     def range(self) -> str:
         """The limits in words, in brackets; nothing where there are none."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
         least, most = self.bounds
         if least is None and most is None:
             return ""
-        low = "" if least is None else f"{'from ' if self.above is None else 'above '}{least:.6g}"
-        high = "" if most is None else f"{'to ' if self.below is None else 'below '}{most:.6g}"
+        factor, unit = self.spoken
+        unit = "" if unit == "1" else f" {unit}"
+        low = "" if least is None else f"{from_si(least, factor):.6g}"
+        high = "" if most is None else f"{from_si(most, factor):.6g}"
         if self.above is None and self.below is None and low and high:
-            low = low.removeprefix("from ")
-        return f" ({low}{' ' if low and high else ''}{high}{unit})"
+            return f" ({low} to {high}{unit})"
+        low = low and f"{'from' if self.above is None else 'above'} {low}"
+        high = high and f"{'to' if self.below is None else 'below'} {high}"
+        return f" ({' '.join(filter(None, (low, high)))}{unit})"
 
     def write(self, value: Any) -> Any:
         return value if self.whole or value is None else from_si(value, self.factor)
 
     def text(self, value: float) -> str:
         """A value with its unit."""
-        return with_unit(value, self.unit)
+        factor, unit = self.spoken
+        return with_unit(from_si(value, factor), unit)
 
-    def cure_of(self, text: str) -> str:
+    def cure_of(self, text: str, value: float) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told."""
-        if self.cure:
-            return self.cure
-        if text == "too_large" and self.unit in _CONFUSED:
-            return confused_units(self.unit, self.key)
+        factor, _ = self.spoken
+        said = from_si(value, factor)
+        if text in ("too_small", "too_large") and self._far(value):
+            for unit in self.other_units:
+                meant = said * unit.factor * (factor / self.written.factor if of_file() else 1.0)
+                if self._takes(meant):
+                    return self.question(unit).format(value=said, meant=from_si(meant, factor))
+        return self.plain_cure
+
+    @property
+    def plain_cure(self) -> str:
+        """What to do about a value that is just out of range."""
         kind = "a whole number" if self.whole else "a number"
-        return f"give {kind} in this range ({self.key} in a TOML file)"
+        where = "" if of_file() else f" ({self.key} in a TOML file)"
+        return self.cure or f"give {kind} in this range{where}"
+
+    @property
+    def other_units(self) -> list[Unit]:
+        """Units that a value may have been meant in: in SI the likeliest one, for a file all."""
+        if self.unit == "1" and (self.whole or self.limits[0] < 0.0 or self.limits[1] > 1.0):
+            return []
+        others = [unit for unit in meant_units(self.unit) if unit.text != self.spoken[1]]
+        return others if of_file() else others[:1]
+
+    def question(self, unit: Unit) -> str:
+        """Whether a value was meant in another unit; in braces the value, and what it would be."""
+        own = "" if self.unit == "1" else f" {self.spoken[1]}"
+        return f"were {unit.name} meant? {{value:.6g}} {unit.text} is {{meant:.6g}}{own}"
+
+    def _far(self, number: float) -> bool:
+        """Whether a number is so far out of range that its unit must be another."""
+        least, most = self.limits
+        return abs(number) > FAR * max(abs(least), abs(most)) or number < least / FAR
+
+    def _takes(self, number: float) -> bool:
+        """Whether a number is within the limits."""
+        return self.limits[0] <= number <= self.limits[1]
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        found = self.converted(key, as_float(raw)) if _is_number(raw) else None
+        return found and f"{path} = {found[0]:.6g}{found[1]}"
+
+    def converted(self, key: str, raw: float) -> tuple[float, str] | None:
+        """A number under a key that is unknown, in the unit of the right key, and how it came."""
+        words, unit = split(key)
+        stem, own = split(self.key)[0], self.written
+        alone = not words and unit is not None and unit.si in _ALONE
+        if not alone and words not in (stem, *self.also.split()):
+            return None
+        if unit is not None and unit.si != self.unit:
+            return None
+        # A key may count in twice what the field does (stroke, amplitude).
+        same = words == stem or self.factor == own.factor
+        scale = self.factor / own.factor if words == stem else 1.0
+        likely = [unit] if unit else [own, *meant_units(self.unit)]
+        fits = (one for one in likely if self._takes(raw * one.factor * scale))
+        unit = next(fits, likely[0])
+        why = "" if unit.text == own.text else f"{raw:.6g} {unit.text}"
+        if not same:
+            why = f"the {stem} is {own.factor / self.factor:g} times the {words}"
+        shown = from_si(raw * unit.factor * scale, self.factor)
+        return shown, why and f" ({why})"
 
 
 @dataclass(frozen=True)
@@ -188,6 +285,12 @@ class Numbers(Entry):
 
     def write(self, value: Any) -> Any:
         return [self.item.write(v) for v in value]
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        if not isinstance(raw, list) or not all(map(_is_number, raw)):
+            return None
+        found = [self.item.converted(key, as_float(value)) for value in raw]
+        return listed(path, [one[0] for one in found if one]) if all(found) and found else None
 
 
 @dataclass(frozen=True)
@@ -231,8 +334,8 @@ class Section(Entry):
     key: str
     kind: type
 
-    def paths(self) -> Iterable[str]:
-        return (f"{self.key}.{path}" for path in paths(self.kind))
+    def leaves(self) -> Iterable[tuple[str, Entry]]:
+        return ((f"{self.key}.{path}", entry) for path, entry in leaves(self.kind))
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         return read_table(self.kind, raw, name, folder)
@@ -255,11 +358,11 @@ class Sections(Section):
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if not isinstance(raw, list):
             raise ConfigError(f"{name} = {raw!r} is not a list of tables: write [[{name}]]")
-        read_one = super().read
-        tables = []
+        tables, faults = [], Faults()
         for place, tree in enumerate(raw, start=1):
-            with in_place(name, place):
-                tables.append(read_one(name, tree, folder))
+            with faults:
+                tables.append(super().read(f"{name}[{place}]", tree, folder))
+        faults.tell()
         return tuple(tables)
 
     def check(self, name: str, value: Any) -> Any:
@@ -296,9 +399,10 @@ def entries(kind: Any) -> dict[str, Entry]:
     return {field.name: field.metadata["entry"] for field in fields if "entry" in field.metadata}
 
 
-def paths(kind: Any) -> tuple[str, ...]:
-    """Every legal key below a table, lists of tables without their place."""
-    return tuple(path for entry in entries(kind).values() for path in entry.paths())
+def leaves(kind: Any) -> Iterator[tuple[str, Entry]]:
+    """Every legal key below a table with its entry, lists of tables without their place."""
+    for entry in entries(kind).values():
+        yield from entry.leaves()
 
 
 def check_fields(instance: Any, name: str) -> None:
@@ -313,29 +417,39 @@ def check_fields(instance: Any, name: str) -> None:
         object.__setattr__(instance, field_name, checked)
 
 
+def told_of(
+    kind: Any, field: str, table: str, text: str, value: float, bound: float = 0.0, **more: float
+) -> str:
+    """The text of that key (errors.TEXT) about a number of a dataclass, of the table so called."""
+    entry = entries(kind)[field]
+    assert isinstance(entry, Number)
+    return entry.told(text, f"{table}.{entry.called(field)}", value, bound, **more)
+
+
 def read_table(kind: Callable[..., T], tree: Any, name: str, folder: Path) -> T:
     """A configuration dataclass from a table of a TOML file.
 
     `name` is the table's ("" at the top of the file), `folder` the one that file names in the
-    table are relative to. Raises ConfigError for a key that is unknown, missing or given twice.
+    table are relative to. Raises ConfigError of all keys that are unknown, missing, given twice or
+    have a bad value.
     """
     if not isinstance(tree, Mapping):
         raise ConfigError(f"{name} = {tree!r} is not a table: write [{name}]")
     prefix = f"{name}." if name else ""
-    table = entries(kind)
-    _check_known(kind, tree, prefix)
+    faults = Faults(_unknown(kind, tree, prefix))
     values = {}
-    for field_name, entry in table.items():
+    for field_name, entry in entries(kind).items():
         given = [key for key in entry.keys if key in tree]
+        key = prefix + (given[0] if given else entry.key)
         if len(given) > 1:
             both = " and ".join(prefix + key for key in given)
-            raise ConfigError(f"{both} say the same twice: give one of them")
-        if given:
-            values[field_name] = entry.read(prefix + given[0], tree[given[0]], folder)
-    for field_name in _required(kind):
-        if field_name not in values:
-            missing = prefix + table[field_name].key
-            raise ConfigError(f"{missing} is missing, it has no default: give it")
+            faults.append(f"{both} say the same twice: give one of them")
+        elif given:
+            with faults:
+                values[field_name] = entry.check(key, entry.read(key, tree[given[0]], folder))
+        elif field_name in _required(kind):
+            faults.append(f"{key} is missing, it has no default: give it")
+    faults.tell()
     return kind(**values)
 
 
@@ -348,24 +462,26 @@ def write_table(instance: Any) -> dict[str, Any]:
     return {key: value for key, value in written.items() if value is not None}
 
 
-@contextmanager
-def in_place(name: str, place: int) -> Iterator[None]:
-    """An error about the table `name` is told about `name[place]`."""
-    try:
-        yield
-    except (ConfigError, InputError) as error:
-        pattern = rf"(?<![\w.]){re.escape(name)}(?=\.| = )"
-        raise ConfigError(re.sub(pattern, f"{name}[{place}]", str(error))) from None
-
-
-def _check_known(kind: Any, tree: Mapping[str, Any], prefix: str) -> None:
+def _unknown(kind: Any, tree: Mapping[str, Any], prefix: str) -> Iterator[str]:
+    """What is said of every key that a table does not have: what was likely meant by it."""
     legal = [key for entry in entries(kind).values() for key in entry.keys]
-    for key in tree:
-        if key not in legal:
+    below = [(prefix + path, entry) for path, entry in leaves(kind)]
+    for key, raw in tree.items():
+        if key in legal:
+            continue
+        name = f"{prefix}{key} = {reprlib.repr(raw)} is unknown"
+        everywhere = [*below, *leaves(of_file() or kind)]
+        found = (entry.meant(path, key, raw) for path, entry in everywhere)
+        meant = next(filter(None, found), None)
+        if meant:
+            yield f"{name}: write {meant}"
+        elif key in WORDS:
+            yield f"{name}: {WORDS[key]}"
+        else:
             # A key one table too high is more likely than a misspelt one.
-            deeper = [path for path in paths(kind) if path.rpartition(".")[2] == key]
-            meant = deeper[0] if deeper else nearest(key, legal)
-            raise ConfigError(f"{prefix}{key} is unknown: did you mean {prefix}{meant}?")
+            deeper = [path for path, _ in below if path.rpartition(".")[2] == key]
+            near = deeper[0] if deeper else prefix + nearest(key, legal)
+            yield f"{prefix}{key} is unknown: did you mean {near}?"
 
 
 def _required(kind: Any) -> list[str]:
@@ -373,9 +489,18 @@ def _required(kind: Any) -> list[str]:
     return [field.name for field in dataclasses.fields(kind) if field.default is missing]
 
 
+def _is_number(raw: Any) -> bool:
+    return isinstance(raw, Real) and not isinstance(raw, bool)
+
+
+def listed(path: str, values: Iterable[float]) -> str:
+    """A list as a TOML file has it."""
+    return f"{path} = [{', '.join(f'{value:.6g}' for value in values)}]"
+
+
 def to_si(raw: Any, factor: float) -> Any:
     """A number times the factor of its unit; anything else as it is."""
-    if isinstance(raw, bool) or not isinstance(raw, Real) or factor == 1.0:
+    if not _is_number(raw) or factor == 1.0:
         return raw
     return as_float(raw) * factor
 
@@ -417,10 +542,3 @@ def as_tuple(value: Any) -> tuple[Any, ...] | None:
 def nearest(name: str, known: Iterable[str]) -> str:
     """The known name most like `name`."""
     return difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)[0]
-
-
-def confused_units(unit: str, key: str) -> str:
-    """Cure of a value that is far too large in its SI unit, the key's unit being another."""
-    meant, asked = _CONFUSED[unit]
-    give = asked if key.endswith(f"_{unit}") else f"{key} or {asked}"
-    return f"were {meant} meant? give {give}"

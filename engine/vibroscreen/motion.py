@@ -22,32 +22,22 @@ from vibroscreen.units import DEG, MM
 
 __all__ = ["ConveyingRegime", "Harmonic", "Motion", "conveying_regime", "transport_velocity"]
 
-MAX_AMPLITUDE = 1.0  # m
+MAX_AMPLITUDE = 0.1  # m, half the stroke; gyratory screens have .04
 HALF_STROKE = 0.5 * MM  # m, the amplitude from the stroke in mm
 MAX_HARMONICS = ROWS - 1
 SENSES = {"with_flow": 1.0, "against_flow": -1.0}
 _SOLVERS = {"rigid_body": rigid_body, "bed": solve_bed}
 
 
-_LENGTH = Number(
-    "",
-    "m",
-    at_least=-MAX_AMPLITUDE,
-    at_most=MAX_AMPLITUDE,
-    cure="were millimetres meant? give metres",
-    error=InputError,
-)
-_TURN = 2.0 * math.pi
-_PHASE = Number("", "rad", at_least=-_TURN, at_most=_TURN, cure="give radians", error=InputError)
-
-
-def _given(entry: Entry) -> Number:
+def _given(entry: Entry, **about: Any) -> Number:
     """What is said of a number of the configuration, of one that a function is given."""
     assert isinstance(entry, Number)
-    return dataclasses.replace(entry, error=InputError)
+    return dataclasses.replace(entry, error=InputError, **about)
 
 
-_INCLINATION = _given(entries(Panel)["inclination"])
+# A body rides on any slope, also on one that no screen has.
+_UPRIGHT = {"at_least": None, "at_most": None, "above": -0.5 * math.pi, "below": 0.5 * math.pi}
+_INCLINATION = _given(entries(Panel)["inclination"], **_UPRIGHT)
 _FRICTION = _given(entries(Material)["friction_deck"])
 _ROLLING = _given(entries(Material)["rolling"])
 
@@ -56,6 +46,11 @@ def _moves(default: float | None, key: str, *scale: Any, **about: Any) -> Any:
     """A field of the motion, which changes while the screen runs."""
     missing = dataclasses.MISSING if default is None else default
     return number(missing, key, *scale, variability="continuous", error=InputError, **about)
+
+
+def _part(key: str, unit: str, factor: float, most: float) -> Any:
+    """A field of a harmonic."""
+    return number(0.0, key, unit, factor, at_least=-most, at_most=most, error=InputError)
 
 
 @dataclass(frozen=True)
@@ -67,11 +62,19 @@ class Harmonic:
     checked by the Motion that takes it in.
     """
 
-    order: int
-    along: float = 0.0
-    along_phase: float = 0.0
-    normal: float = 0.0
-    normal_phase: float = 0.0
+    order: int = number(
+        1,
+        "order",
+        whole=True,
+        at_least=1,
+        at_most=MAX_ORDER,
+        cure="give the multiple of motion.frequency",
+        error=InputError,
+    )
+    along: float = _part("along_mm", "m", MM, MAX_AMPLITUDE)
+    along_phase: float = _part("along_phase_deg", "rad", DEG, 2.0 * math.pi)
+    normal: float = _part("normal_mm", "m", MM, MAX_AMPLITUDE)
+    normal_phase: float = _part("normal_phase_deg", "rad", DEG, 2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,8 @@ class Motion:
         "Hz",
         at_least=0.0,
         at_most=100.0,
+        also="speed rotation",
         tells="Frequency of the vibration",
-        cure="was 1/min meant? divide it by 60",
     )
     amplitude: float = _moves(
         None,
@@ -101,8 +104,8 @@ class Motion:
         HALF_STROKE,
         at_least=0.0,
         at_most=MAX_AMPLITUDE,
+        also="amplitude",
         tells="Amplitude of the vibration: semi-major axis, half the stroke",
-        cure="were millimetres meant? give metres",
     )
     throw_angle: float = _moves(
         45.0 * DEG,
@@ -111,8 +114,8 @@ class Motion:
         DEG,
         at_least=-math.pi,
         at_most=math.pi,
+        also="angle stroke_angle direction",
         tells="Direction of the vibration over the top deck's first panel",
-        cure="were degrees meant? give radians",
     )
     ellipticity: float = _moves(
         0.0,
@@ -133,7 +136,7 @@ class Motion:
                 f"room for ({MAX_HARMONICS}): leave out the smallest"
             )
         for place, part in enumerate(self.harmonic, start=1):
-            _check_harmonic(f"motion.harmonic[{place}]", part)
+            check_fields(part, f"motion.harmonic[{place}]")
 
     @classmethod
     def linear(cls, amplitude: float, frequency: float, throw_angle: float) -> Motion:
@@ -198,18 +201,6 @@ class Motion:
         rows = np.zeros((ROWS, 5))
         compose_motion(self.fundamental, self.harmonic_rows, rotation, rows)
         return rows
-
-
-def _check_harmonic(name: str, part: Harmonic) -> None:
-    """Refuse a harmonic whose order is no small whole number or whose values are out of range."""
-    if isinstance(part.order, bool) or part.order not in range(1, MAX_ORDER + 1):
-        raise InputError(
-            f"{name}.order = {part.order!r} is not a whole number from 1 to {MAX_ORDER}: "
-            "give the multiple of motion.frequency"
-        )
-    for field in ("along", "normal"):
-        _LENGTH.check(f"{name}.{field}", getattr(part, field))
-        _PHASE.check(f"{name}.{field}_phase", getattr(part, f"{field}_phase"))
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, READ, run
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
-from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
+from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED, RIGID_BODY
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
-from vibroscreen.motion import Motion
+from vibroscreen.motion import Harmonic, Motion, transport_velocity
 from vibroscreen.results import Rows, StepResult, box_of, reasons
 from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
@@ -461,6 +461,13 @@ class Inputs:
             self._motion[:] = motion.fundamental
             self._harmonic[:] = motion.harmonic_rows
 
+    def motion(self) -> Motion:
+        """The motion that is there."""
+        rows = self._harmonic.reshape(-1, 5).tolist()
+        parts = tuple(Harmonic(int(order), *row) for order, *row in rows if order)
+        frequency, amplitude, throw_angle, ellipticity = self._motion.tolist()
+        return Motion(frequency, amplitude, throw_angle, ellipticity, parts)
+
 
 def variable_at(layout: Layout, buffer: Array, index: int) -> Variable:
     """The parameter or input at a place of the buffer."""
@@ -503,8 +510,9 @@ def refusal_of(
         key,
         name=variable.name,
         given=given(variable.name, value, variable.unit),
+        unit=variable.unit,
         range=variable.range(most),
-        cure=variable.cure(key, most),
+        cure=variable.cure(key, value, most),
         value=value,
         limit=limit,
         degrees=value / DEG,
@@ -538,9 +546,26 @@ def no_conveying(layout: Layout, buffer: Array) -> InputError:
                     "none, so there is no steady state: give a factor above 0",
                     name,
                 )
+    why, cure = "", ""
+    if moves and model == RIGID_BODY:
+        why, cure = _grains_ride(layout, buffer)
     return InputError(
         f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
-        "convey (bed velocity 0 m/s), so there is no steady state: raise them, turn the throw "
-        'angle down-slope, or use displacement.model = "prescribed"',
+        f"convey{why}, so there is no steady state: {cure}raise them, turn the throw angle "
+        'down-slope, or use displacement.model = "prescribed"',
         "motion.frequency",
     )
+
+
+def _grains_ride(layout: Layout, buffer: Array) -> tuple[str, str]:
+    """Why a rigid body does not ride down the first panel, and the model that does, if it does."""
+    slope = layout.record(buffer, "panel")[0, 0].inclination
+    parameter = layout.record(buffer, "parameter")
+    friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
+    motion = Inputs(layout, buffer).motion()
+    rigid, bed = (transport_velocity(motion, slope, friction, m) for m in ("rigid_body", "bed"))
+    if rigid > 0.0:
+        return "", ""
+    where = f" a rigid body down deck[1].panel[1] ({slope / DEG:.4g} deg, it rides at {rigid:.3g}"
+    cure = f'use displacement.model = "bed", grains ride down at {bed:.3g} m/s; or '
+    return f"{where} m/s)", cure if bed > 0.0 else ""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibroscreen import registry
-from vibroscreen.errors import ConfigError, told
+from vibroscreen.errors import ConfigError
 from vibroscreen.fields import (
     Choice,
     Entry,
@@ -27,6 +27,7 @@ from vibroscreen.fields import (
     number,
     said,
     to_si,
+    told_of,
 )
 from vibroscreen.units import DEG, MM
 
@@ -48,6 +49,13 @@ TABLE_COLUMNS = ("aperture_mm", "velocity_m_s")
 CLOSURES = ("none", "vibration")
 # Composition inside a layer; their place here is what the buffer holds.
 RECONSTRUCTIONS = ("none", "linear")
+# What screens are made like, with room. The largest in makers' lists are about 12 x 4.9 m; bars of
+# grizzlies are up to .3 m apart, the finest woven media .045 mm; banana decks start at up to 40
+# degrees; thin mats are open to .8 of their area. An assumption, from no single source.
+LONGEST, WIDEST = 30.0, 10.0  # m
+FINEST, COARSEST = 0.02 * MM, 0.5  # m
+STEEPEST = 45.0 * DEG
+MOST_OPEN = 0.95
 BOUNCE = ", used by the passage law bounce"
 
 
@@ -126,16 +134,22 @@ class Panel:
     """
 
     length: float = number(
-        6.0, "length_m", "m", above=0.0, at_most=100.0, tells="Length of the panel along the deck"
+        6.0,
+        "length_m",
+        "m",
+        above=0.0,
+        at_most=LONGEST,
+        tells="Length of the panel along the deck",
     )
     inclination: float = number(
         5.0 * DEG,
         "inclination_deg",
         "rad",
         DEG,
-        above=-0.5 * math.pi,
-        below=0.5 * math.pi,
+        at_least=-STEEPEST,
+        at_most=STEEPEST,
         variability="tunable",
+        also="slope angle pitch incline",
         tells="Inclination of the panel, positive down to the discharge",
     )
     aperture: float = number(
@@ -143,16 +157,18 @@ class Panel:
         "aperture_mm",
         "m",
         MM,
-        above=0.0,
-        at_most=100.0,
+        at_least=FINEST,
+        at_most=COARSEST,
+        also="opening hole hole_size openings slot",
         tells="Clear opening of the screening medium",
     )
     open_area: float = number(
         0.55,
         "open_area",
         at_least=0.0,
-        at_most=1.0,
+        at_most=MOST_OPEN,
         variability="tunable",
+        also="useful_open_area",
         tells="Useful openings over the area of the panel; less when they blind",
         cure="give the open part of the deck's area",
     )
@@ -174,17 +190,11 @@ class Panel:
 class Deck:
     """A row of panels, feed end first, of one width [m]."""
 
-    width: float = number(2.4, "width_m", "m", above=0.0, at_most=100.0, tells="Width of the deck")
+    width: float = number(2.4, "width_m", "m", above=0.0, at_most=WIDEST, tells="Width of the deck")
     panels: tuple[Panel, ...] = said((Panel(),), Sections("panel", Panel))
 
     def __post_init__(self) -> None:
         check_fields(self, "deck")
-        for place, panel in enumerate(self.panels, start=1):
-            if panel.aperture > self.length:
-                name = f"deck.panel[{place}].aperture"
-                raise ConfigError(
-                    told("short_deck", name=name, value=panel.aperture, limit=self.length)
-                )
 
     @property
     def length(self) -> float:
@@ -202,8 +212,8 @@ class Material:
         "kg/m3",
         at_least=10.0,
         at_most=25000.0,
+        also="density bulk",
         tells="Mass of the bed over the volume it fills",
-        cure="were t/m3 meant? give bulk_density_kg_m3 in kg/m3",
     )
     friction_deck: float = number(
         0.5,
@@ -211,6 +221,7 @@ class Material:
         at_least=0.0,
         at_most=100.0,
         variability="tunable",
+        also="friction",
         tells="Friction coefficient between bed and deck",
         cure="give a friction coefficient",
     )
@@ -267,6 +278,7 @@ class Displacement:
         at_least=0.0,
         at_most=20.0,
         variability="continuous",
+        also="speed transport_velocity",
         tells="Velocity of the bed along the deck, used by the displacement model prescribed",
         cure="give a velocity down the deck; it cannot convey upwards",
     )
@@ -405,8 +417,7 @@ class Passage:
         check_fields(self, "passage")
         if self.velocity_table is not None and self.velocity != Passage.velocity:
             raise ConfigError(
-                f"passage.velocity = {self.velocity:.6g} m/s is given beside "
-                "passage.velocity_table: give one of them"
+                told_of(Passage, "velocity", "passage", "two_velocities", self.velocity)
             )
 
     def velocity_at(self, aperture: float) -> float:
@@ -414,13 +425,19 @@ class Passage:
 
         Raises ConfigError for an aperture that the table does not reach.
         """
+        if (end := self.off_table(aperture)) is not None:
+            raise ConfigError(told_of(Panel, "aperture", "panel", "off_table", aperture, end))
         if self.velocity_table is None:
             return self.velocity
         apertures, velocities = zip(*self.velocity_table, strict=True)
-        if not apertures[0] <= aperture <= apertures[-1]:
-            limit = apertures[0] if aperture < apertures[0] else apertures[-1]
-            raise ConfigError(told("off_table", name="aperture", value=aperture, limit=limit))
         return float(np.interp(aperture, apertures, velocities))
+
+    def off_table(self, aperture: float) -> float | None:
+        """The end of the table that an aperture lies beyond [m]; None where it does not."""
+        if self.velocity_table is None:
+            return None
+        least, most = self.velocity_table[0][0], self.velocity_table[-1][0]
+        return None if least <= aperture <= most else least if aperture < least else most
 
 
 @dataclass(frozen=True)
@@ -572,6 +589,7 @@ class Drive:
         "kg",
         at_least=0.0,
         at_most=1e6,
+        also="mass",
         tells="Mass of the vibrating box",
     )
     bearing_friction: float = number(

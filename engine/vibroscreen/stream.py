@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.errors import InputError
-from vibroscreen.fields import Number, Numbers, as_tuple, said
-from vibroscreen.units import T_H
+from vibroscreen.errors import InputError, told
+from vibroscreen.fields import Number, Numbers, as_tuple, listed, said
+from vibroscreen.keys import file_value, split
+from vibroscreen.size_classes import coarse_first
+from vibroscreen.units import PERCENT, T_H
 
 Array = NDArray[np.float64]
 
+MOST_FED = 5000.0  # kg/s, 18 000 t/h; the largest banana screens take half of it
 # What a master's arithmetic may leave below zero or above one: taken as the limit itself.
 ROUND_OFF = 1e-9
 # Fractions that sum to one within this are normalised, others refused.
@@ -26,12 +29,35 @@ SUM_TOLERANCE = 1e-3
 # Sums that differ from one by less are left alone, so that normalising twice changes nothing.
 _SUM_ROUND_OFF = 1e-14
 
-_RATE = Number(
+# Shares that sum to more are per cent.
+_PER_CENT = 1.5
+# Words in keys of lists that say what a feed is made of.
+_SHARES = ("retained", "passing", "fraction", "distribution", "composition")
+_MOIST = ("moisture", "moisture_content", "water", "water_content")
+
+
+class _Rate(Number):
+    """The feed rate, which is that of dry solids."""
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        words, _ = split(key)
+        if words not in _MOIST or not isinstance(raw, int | float):
+            return super().meant(path, key, raw)
+        share = raw * PERCENT if raw > 1.0 or words != key else float(raw)
+        rate = file_value("feed", self.key)
+        if not isinstance(rate, int | float):
+            return f"{path} of dry solids, the moist rate times {1.0 - share:.6g}"
+        dry = rate * (1.0 - share)
+        return f"{path} = {dry:.6g} in its place, of dry solids: {rate:.6g} x (1 - {share:.6g})"
+
+
+_RATE = _Rate(
     "rate_t_h",
     "kg/s",
     T_H,
     at_least=0.0,
-    at_most=1e6,
+    at_most=MOST_FED,
+    also="feed feed_rate rate capacity throughput tonnage mass_flow_rate",
     slack=ROUND_OFF,
     variability="continuous",
     tells="Feed to the top deck",
@@ -61,6 +87,14 @@ def fractions_of_passing(passing: Sequence[float]) -> tuple[float, ...]:
     values = _numbers("feed.passing", passing)
     if len(values) < 2:
         raise InputError("feed.passing has fewer than 2 values: give one at every class limit")
+    for place, value in enumerate(values, start=1):
+        if value > 1.0 + SUM_TOLERANCE:
+            raise _FRACTION.refusal(f"feed.passing[{place}]", value, "too_large")
+    if values[0] > values[-1]:
+        raise InputError(
+            f"feed.passing falls from {values[0]:.6g} to {values[-1]:.6g}, the sizes rise: list "
+            "both in the same order"
+        )
     for place, wanted, cure in (
         (1, 0.0, "add a finer limit to the size classes"),
         (len(values), 1.0, "add a coarser limit to the size classes"),
@@ -97,19 +131,13 @@ def checked_fractions(mass_fraction: Sequence[float]) -> tuple[float, ...]:
             return _normalised(plain, total)
     values = []
     for place, value in enumerate(_numbers("feed.mass_fraction", mass_fraction), start=1):
-        if not -ROUND_OFF <= value <= 1.0 + ROUND_OFF:
-            per_cent = 1.5 < value <= 100.0
-            cure = "were per cent meant? divide by 100" if per_cent else "give a share of the mass"
-            raise InputError(
-                f"feed.mass_fraction[{place}] = {value:.6g} is outside of 0 to 1: {cure}"
-            )
-        values.append(min(max(value, 0.0), 1.0))
+        share = min(max(value, 0.0), 1.0)
+        if abs(share - value) > ROUND_OFF:
+            _FRACTION.check(f"feed.mass_fraction[{place}]", value)
+        values.append(share)
     total = math.fsum(values)
     if abs(total - 1.0) > SUM_TOLERANCE:
-        raise InputError(
-            f"feed.mass_fraction = {total:.6g} in sum is not 1 within {SUM_TOLERANCE:g}: "
-            "divide every fraction by the sum"
-        )
+        raise InputError(told("bad_sum", value=total, limit=SUM_TOLERANCE), "feed.mass_fraction")
     return _normalised(tuple(values), total)
 
 
@@ -130,7 +158,27 @@ class _Composition(Numbers):
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if not raw:
             raise InputError(f"{name} = {raw!r} is empty: give one value a class or leave it out")
+        if isinstance(raw, list) and coarse_first(file_value("size_classes", "edges_mm")):
+            raw = raw[::-1]
         return fractions_of_passing(raw) if name.endswith("passing") else raw
+
+    def check(self, name: str, value: Any) -> tuple[float, ...]:
+        return checked_fractions(value) if value != () else ()
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        numbers = isinstance(raw, list) and all(isinstance(one, int | float) for one in raw)
+        if not numbers or not any(word in key for word in _SHARES):
+            return None
+        shares = [one * PERCENT if max(raw) > _PER_CENT else float(one) for one in raw]
+        coarse = coarse_first(file_value("size_classes", "edges_mm"))
+        rising = sorted(shares, reverse=coarse)
+        passing = path.removesuffix("passing").removesuffix(self.key) + "passing"
+        if "passing" in key or ("retained" in key and shares == rising):
+            return f"{listed(passing, shares)}, what is finer than each size"
+        if "retained" in key and shares == rising[::-1]:
+            finer = [1.0 - share for share in shares]
+            return f"{listed(passing, finer)}, what is finer than each size"
+        return f"{listed(path, shares)}, the share of every class in the order of the sizes"
 
 
 @dataclass(frozen=True)

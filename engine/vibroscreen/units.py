@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 
 __all__ = [
+    "CM",
     "DEG",
     "GRAVITY",
     "G_CM3",
     "HOUR",
+    "INCH",
+    "KG_H",
     "KN",
     "KW",
     "KWH",
@@ -30,12 +33,15 @@ GRAVITY = 9.81  # m/s2, the value of every equation and reference case of the mo
 
 MM = 1e-3  # m
 MICROMETRE = 1e-6  # m
+CM = 1e-2  # m
+INCH = 0.0254  # m
 DEG = math.pi / 180.0  # rad
 MINUTE = 60.0  # s
 HOUR = 3600.0  # s
 RPM = 1.0 / 60.0  # Hz, from 1/min
 TONNE = 1000.0  # kg
 T_H = 1.0 / 3.6  # kg/s, from t/h
+KG_H = 1.0 / 3600.0  # kg/s, from kg/h
 T_M3 = 1000.0  # kg/m3, from t/m3
 G_CM3 = 1000.0  # kg/m3, from g/cm3
 KW = 1000.0  # W

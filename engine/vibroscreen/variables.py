@@ -80,10 +80,16 @@ class Variable:
         """The limits in words, in brackets; `most` is the largest number of a choice."""
         return self.entry.range if isinstance(self.entry, Number) else f" (1 to {most:.0f})"
 
-    def cure(self, text: str, most: float) -> str:
+    def cure(self, text: str, value: float, most: float) -> str:
         """What to do about a value of which `text` (errors.TEXT) is told; `most` as of `range`."""
         if isinstance(self.entry, Number):
-            return self.entry.cure_of(text)
+            return self.entry.cure_of(text, value)
+        return self.plain_cure(most)
+
+    def plain_cure(self, most: float) -> str:
+        """What to do about a value that is just out of range; `most` as of `range`."""
+        if isinstance(self.entry, Number):
+            return self.entry.plain_cure
         numbered = enumerate(self.entry.names()[: int(most)], start=1)
         return f"give {', '.join(f'{number} {name}' for number, name in numbered)}"
 

@@ -40,8 +40,20 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from tests.benchmarks.output import write_json
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
 from vibroscreen.kernels import state
-from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import (
+    COARSEST,
+    FINEST,
+    MOST_OPEN,
+    Bed,
+    Deck,
+    Displacement,
+    Panel,
+    Passage,
+    Segregation,
+    Solver,
+)
 from vibroscreen.size_classes import SizeClasses
+from vibroscreen.stream import MOST_FED
 from vibroscreen.units import DEG, MM
 
 Row = dict[str, Any]
@@ -162,10 +174,10 @@ def of_steps() -> Iterator[Scene]:
 
 def of_feeds() -> Iterator[Scene]:
     for model in MODELS:
-        for feed in (1e-9, 1e-6, 1e-3, 1.0, 100.0, 1e3, 1e4):
-            ramp = tuple(Step(2.0, feed * (1 + k % 3)) for k in range(12))
+        for feed in (1e-9, 1e-6, 1e-3, 1.0, 100.0, 1e3, MOST_FED):
+            ramp = tuple(Step(2.0, feed * (1 + k % 3) / 3) for k in range(12))
             yield Scene(screen(model=model, feed=feed), (*ramp, Step(3600.0), Step(30.0, 0.0)))
-        jumps = (1e4, 1e-9, 0.0, 1e-9, 1e4, 0.0, 80.0, 1e-6, 80.0)
+        jumps = (MOST_FED, 1e-9, 0.0, 1e-9, MOST_FED, 0.0, 80.0, 1e-6, 80.0)
         yield Scene(screen(model=model), tuple(Step(2.0, feed) for feed in jumps))
 
 
@@ -179,9 +191,9 @@ def of_models() -> Iterator[Scene]:
 def of_sizes() -> Iterator[Scene]:
     wide = np.geomspace(1e-6, 1.0, 13)
     for model in MODELS:
-        for aperture in (1e-5, 1e-3, 0.016, 0.3):
+        for aperture in (FINEST, 1e-3, 0.016, 0.3):
             yield Scene(screen(wide, deck_of(aperture), model=model), ON_OFF)
-        yield Scene(screen(np.geomspace(1e-6, 1e-4, 7), deck_of(2e-5), model=model), ON_OFF)
+        yield Scene(screen(np.geomspace(1e-6, 1e-4, 7), deck_of(FINEST), model=model), ON_OFF)
 
 
 def of_classes() -> Iterator[Scene]:
@@ -193,7 +205,7 @@ def of_classes() -> Iterator[Scene]:
 
 def of_open_areas() -> Iterator[Scene]:
     for law in LAWS:
-        for open_area in (0.0, 1e-6, 1e-3, 0.1, 1.0):
+        for open_area in (0.0, 1e-6, 1e-3, 0.1, MOST_OPEN):
             yield Scene(screen(EDGES, deck_of(0.016, open_area=open_area), law=law), ON_OFF)
 
 
@@ -205,7 +217,7 @@ def of_passage() -> Iterator[Scene]:
 
 def of_percolation() -> Iterator[Scene]:
     for w in (0.0, 1e-9, 1e-3, 1.0, 10.0, 100.0):
-        for dilation in (0.0, 1e-6, 1e-3, 0.1, 1.0):
+        for dilation in (0.0, 1e-6, 1e-3, 0.1, MOST_OPEN):
             yield Scene(screen(w=w, dilation=dilation), ON_OFF)
 
 
@@ -281,7 +293,7 @@ def of_narrow_classes() -> Iterator[Scene]:
 def of_apertures() -> Iterator[Scene]:
     for model in MODELS:
         for law in LAWS:
-            for aperture in (1e-6, 0.001, 0.0199999, 0.045, 0.046, 5.0):
+            for aperture in (FINEST, 0.001, 0.0199999, 0.045, 0.046, COARSEST):
                 yield Scene(screen(EDGES, deck_of(aperture), model=model, law=law), ON_OFF)
 
 
@@ -302,7 +314,7 @@ def of_tolerances() -> Iterator[Scene]:
 
 FAMILIES: dict[str, Callable[[], Iterator[Scene]]] = {
     "steps of 1 ms to 10 h": of_steps,
-    "feeds of 1e-9 to 1e4 kg/s": of_feeds,
+    "feeds of 1e-9 to 5e3 kg/s": of_feeds,
     "feed on and off, all models": of_models,
     "sizes from 1 um to 1 m": of_sizes,
     "1 to 200 classes": of_classes,
@@ -356,7 +368,7 @@ def put(screen: Screen, step: Step) -> None:
     for name, value in (
         ("feed_mass_flow_rate", step.feed),
         ("displacement_velocity", step.velocity),
-        ("frequency", step.frequency),
+        ("motion_frequency", step.frequency),
     ):
         if value is not None:
             setattr(inputs, name, value)
@@ -481,8 +493,8 @@ class Soak:
         inputs = np.tile(self.screen.view("input"), (count, 1))
         for name, drawn in (
             ("feed_mass_flow_rate", feed),
-            ("frequency", frequency),
-            ("amplitude", amplitude),
+            ("motion_frequency", frequency),
+            ("motion_amplitude", amplitude),
         ):
             inputs[:, state.INPUT.index(name)] = drawn
         share = rng.random((count, 3)) * (rng.random((count, 3)) < 0.8)

@@ -328,13 +328,13 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
         (
             (0.0, 0.004, 0.002),
             (
-                "size_classes.edges[3] = 0.002 m is not larger than the limit below it (0.004 m): list the limits in ascending order"
+                "size_classes.edges[3] = 0.002 m is not larger than the limit below it (0.004 m): list the limits finest first, and what belongs to them in the same order"
             ),
         ),
         (
             (0.0, 0.0),
             (
-                "size_classes.edges[2] = 0 m is not larger than the limit below it (0 m): list the limits in ascending order"
+                "size_classes.edges[2] = 0 m is not larger than the limit below it (0 m): list the limits finest first, and what belongs to them in the same order"
             ),
         ),
         (
@@ -354,25 +354,25 @@ def test_error_of_a_class_stays_below_the_tolerance_at_each_of_two_apertures(
         (
             (-0.001, 0.016),
             (
-                "size_classes.edges[1] = -0.001 m is out of range (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
+                "size_classes.edges[1] = -0.001 m is out of range (0 to 2 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
         (
             (0.0, 16.0),
             (
-                "size_classes.edges[2] = 16 m is out of range (0 to 10 m): were millimetres meant? give edges_mm or metres"
+                "size_classes.edges[2] = 16 m is out of range (0 to 2 m): were millimetres meant? 16 mm is 0.016 m"
             ),
         ),
         (
             (0.0, float("nan")),
             (
-                "size_classes.edges[2] = nan m is not a finite number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
+                "size_classes.edges[2] = nan m is not a finite number (0 to 2 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
         (
             (0.0, True),
             (
-                "size_classes.edges[2] = True is not a number (0 to 10 m): give a number in this range (edges_mm in a TOML file)"
+                "size_classes.edges[2] = True is not a number (0 to 2 m): give a number in this range (edges_mm in a TOML file)"
             ),
         ),
     ],

@@ -59,37 +59,37 @@ def test_feed_takes_arrays() -> None:
             math.nan,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = nan kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = nan kg/s is not a finite number (0 to 5000 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             math.inf,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = inf kg/s is not a finite number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = inf kg/s is not a finite number (0 to 5000 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             -2.0,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = -2 kg/s is out of range (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = -2 kg/s is out of range (0 to 5000 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             True,
             (1.0,),
             "feed.mass_flow_rate",
-            "feed.mass_flow_rate = True is not a number (0 to 1e+06 kg/s): give a finite rate, 0 for no feed",
+            "feed.mass_flow_rate = True is not a number (0 to 5000 kg/s): give a finite rate, 0 for no feed",
         ),
         (
             1.0,
             (0.5, 0.6, -0.1),
             "feed.mass_fraction[3]",
-            "feed.mass_fraction[3] = -0.1 is outside of 0 to 1: give a share of the mass",
+            "feed.mass_fraction[3] = -0.1 is out of range (0 to 1): give a share of the mass",
         ),
         (
             1.0,
             (40.0, 60.0),
             "feed.mass_fraction[1]",
-            "feed.mass_fraction[1] = 40 is outside of 0 to 1: were per cent meant? divide by 100",
+            "feed.mass_fraction[1] = 40 is out of range (0 to 1): were per cent meant? 40 per cent is 0.4",
         ),
         (
             1.0,
@@ -108,8 +108,8 @@ def test_feed_takes_arrays() -> None:
             (0.5, 0.3),
             "feed.mass_fraction",
             (
-                "feed.mass_fraction = 0.8 in sum is not 1 within 0.001: divide every fraction by the "
-                "sum"
+                "feed.mass_fraction sums to 0.8, not to 1 within 0.001: give the mass fractions of "
+                "all size classes, or divide each by the sum"
             ),
         ),
         (

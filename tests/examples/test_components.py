@@ -295,7 +295,7 @@ def test_the_mixer_slave_names_what_is_wrong(tmp_path: Path) -> None:
     mixed = 50.0 * COMPOSITION + 30.0 * COMPOSITION[::-1]
     assert_allclose(caller.rates("outlet"), mixed, rtol=1e-13)
     caller.set("inlet[2].mass_fraction[3]", 1.5)
-    assert caller.refused(1.0).startswith("inlet[2].mass_fraction[3] = 1.5 is outside")
+    assert caller.refused(1.0).startswith("inlet[2].mass_fraction[3] = 1.5 is out of range")
     caller.set("inlet[1].mass_flow_rate", -1.0)
     assert caller.refused(1.0).startswith("inlet[1].mass_flow_rate = -1 kg/s")
     assert caller.refused(0.0).startswith("dt = 0")

@@ -180,6 +180,7 @@ BAD = [
     {"deck[1].panel[1].length": 0.0},
     {"deck[1].panel[1].aperture": 16.0},
     {"deck[1].panel[1].aperture": -np.inf},
+    {"deck[2].panel[1].aperture": 0.4},
     {"deck[1].panel[2].length": 1.0},
     {"deck[2].panel[1].length": 3.5},
     {"size_class[2].upper": 0.003},

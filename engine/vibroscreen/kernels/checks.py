@@ -4,7 +4,7 @@ The limits lie in the buffer beside what they limit; the field of each number sa
 (../sections.py). A code of state.py tells what is wrong; the record `refusal` holds the rest.
 """
 
-from math import isfinite
+from math import inf, isfinite
 
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
@@ -124,15 +124,20 @@ def check_layers(buffer):
 
 @kernel
 def check_decks(buffer):
-    """Check that decks are equally long, and longer than their apertures."""
-    first = deck_length(buffer, 0)
+    """Check that decks are equally long, longer than their apertures, and never coarser below."""
+    first, above = deck_length(buffer, 0), inf
     for deck in range(state.extent(buffer).decks):
         length = deck_length(buffer, deck)
+        coarsest = 0.0
         for number in range(panel_count(buffer, deck)):
-            aperture = state.panel(buffer, deck, number).aperture
-            if aperture > length:
-                place = state.panel_place(buffer, deck, number) + APERTURE
-                return refuse(buffer, state.REFUSED.short_deck, place, aperture, length)
+            panel = state.panel(buffer, deck, number)
+            place = state.panel_place(buffer, deck, number) + APERTURE
+            if panel.aperture > length:
+                return refuse(buffer, state.REFUSED.short_deck, place, panel.aperture, length)
+            if panel.aperture > above and panel.open_area > 0.0:
+                return refuse(buffer, state.REFUSED.coarser_below, place, panel.aperture, above)
+            coarsest = max(coarsest, panel.aperture)
+        above = coarsest
         if abs(length - first) > SAME_LENGTH * max(length, first):
             place = state.panel_place(buffer, deck, 0) + LENGTH
             return refuse(buffer, state.REFUSED.unequal_decks, place, length, first)

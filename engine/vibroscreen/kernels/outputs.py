@@ -5,9 +5,9 @@ from math import pi
 from vibroscreen.compiler.elementary import sin
 from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
+from vibroscreen.kernels.bed import travel
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed
 from vibroscreen.kernels.bed.package import bed_capacity
-from vibroscreen.kernels.bed.travel import deck_length, panel_count
 from vibroscreen.kernels.checks import BED
 from vibroscreen.kernels.ledger import balance_error, ledger_total
 from vibroscreen.kernels.library import entry
@@ -45,7 +45,7 @@ def write_stream(buffer, row, fraction, duration):
 def least_aperture(buffer, deck):
     """Smallest aperture of a deck, m."""
     aperture = state.panel(buffer, deck, 0).aperture
-    for number in range(1, panel_count(buffer, deck)):
+    for number in range(1, travel.panel_count(buffer, deck)):
         aperture = min(aperture, state.panel(buffer, deck, number).aperture)
     return aperture
 
@@ -131,7 +131,7 @@ def write_cut(buffer, deck):
     size = state.node_vector(buffer, state.AT.size, 0)
     under, over = passed_by(buffer, deck), left_over(buffer, deck)
     closed = 0.0
-    for number in range(panel_count(buffer, deck)):
+    for number in range(travel.panel_count(buffer, deck)):
         closed = max(closed, state.panel(buffer, deck, number).aperture)
     quarter = partition_size(size, under, over, 0.25, closed)
     half = partition_size(size, under, over, 0.5, closed)
@@ -253,7 +253,7 @@ def write_bed(buffer, deck):
     """Hold-up, depths and velocity of a deck; returns the power that its bed takes, W."""
     result = state.deck_result(buffer, deck)
     first = state.scene(buffer, state.AT.scene, deck, 0)
-    panels = panel_count(buffer, deck)
+    panels = travel.panel_count(buffer, deck)
     result.aperture = least_aperture(buffer, deck)
     result.hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[deck]
     result.depth_feed = depth_at_feed(buffer, deck)
@@ -262,7 +262,7 @@ def write_bed(buffer, deck):
     last = state.scene(buffer, state.AT.scene, deck, panels - 1)
     result.depth_over_aperture_discharge = result.depth_discharge / last.aperture
     result.transport_velocity, result.throw_number = first.transport_velocity, first.throw_number
-    length = deck_length(buffer, deck)
+    length = travel.deck_length(buffer, deck)
     power = 0.0
     for number in range(panels):
         scene = state.scene(buffer, state.AT.scene, deck, number)
@@ -283,7 +283,7 @@ def deep_in_apertures(density):
 def watch_bed(buffer, deck):
     """Alarms of the bed of a deck."""
     result = state.deck_result(buffer, deck)
-    panels = panel_count(buffer, deck)
+    panels = travel.panel_count(buffer, deck)
     times = deep_in_apertures(state.parameters(buffer).material_bulk_density)
     deep = times * state.scene(buffer, state.AT.scene, deck, panels - 1).aperture
     if result.depth_discharge > deep:
@@ -318,7 +318,7 @@ def watch_transport(buffer, deck, status, inclination, throw):
         alarm(buffer, TRANSPORT, REASONS.high_throw, deck, throw, BED_THROW, 0.0)
     else:
         grip = bed_friction(friction, BED_CONSTANTS[2])
-        alarm(buffer, TRANSPORT, REASONS.steep_bed, deck, inclination, grip, 0.0)
+        alarm(buffer, TRANSPORT, REASONS.beyond_bed, deck, inclination, grip, 0.0)
 
 
 @kernel

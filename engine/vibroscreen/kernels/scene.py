@@ -110,7 +110,7 @@ def same_transport(buffer, deck, number):
 
 
 @kernel
-def scene_of(buffer, deck, number):
+def new_scene(buffer, deck, number):
     """The new scene of a panel."""
     return state.scene(buffer, state.AT.scene_now, deck, number)
 
@@ -119,7 +119,7 @@ def scene_of(buffer, deck, number):
 def copy_transport(buffer, known, scene):
     """Take the displacement of another panel into a scene."""
     panels = state.extent(buffer).panels
-    other = scene_of(buffer, known // panels, known % panels)
+    other = new_scene(buffer, known // panels, known % panels)
     scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
     scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
 
@@ -130,10 +130,10 @@ def stop_together(buffer, deck):
     panels = panel_count(buffer, deck)
     slowest = 1e300
     for number in range(panels):
-        slowest = min(slowest, scene_of(buffer, deck, number).transport_velocity)
+        slowest = min(slowest, new_scene(buffer, deck, number).transport_velocity)
     if slowest <= 0.0:
         for number in range(panels):
-            scene_of(buffer, deck, number).transport_velocity = 0.0
+            new_scene(buffer, deck, number).transport_velocity = 0.0
 
 
 @kernel
@@ -190,7 +190,7 @@ def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = scene_of(buffer, deck, number)
+            scene = new_scene(buffer, deck, number)
             used = numbers(state.scene(buffer, state.AT.scene, deck, number))
             vectors.copy(numbers(scene), used)
             if solve:
@@ -204,7 +204,7 @@ def prepare_scenes(buffer, solve):
     for deck in range(state.extent(buffer).decks):
         stop_together(buffer, deck)
         for number in range(panel_count(buffer, deck)):
-            set_scene(buffer, deck, number, scene_of(buffer, deck, number))
+            set_scene(buffer, deck, number, new_scene(buffer, deck, number))
     return state.ACCEPTED
 
 
@@ -215,4 +215,4 @@ def keep_scenes(buffer):
         for number in range(panel_count(buffer, deck)):
             used = numbers(state.scene(buffer, state.AT.scene, deck, number))
             fixed = used[: state.FIXED_SCENE]
-            vectors.copy(fixed, numbers(scene_of(buffer, deck, number)))
+            vectors.copy(fixed, numbers(new_scene(buffer, deck, number)))

@@ -36,7 +36,7 @@ ALARMS = Places(0, *(alarm.scalar.removeprefix("alarm_") for alarm in ALARM_FIGU
 ALARM_COUNT, FIRST_ALARM = len(ALARMS), OUTPUT.index(ALARM_FIGURES[0].scalar)
 REASONS = Places(
     1,
-    "deep_bed full_layers not_conveyed steep_bed high_throw unchecked_motion nothing_fed",
+    "deep_bed full_layers not_conveyed beyond_bed high_throw unchecked_motion nothing_fed",
     "no_crossing implausible_depth implausible_velocity implausible_motion",
 )
 # deck: counted from 1, 0 for the box.
@@ -134,7 +134,7 @@ ACCEPTED = 0
 REFUSED = Places(
     1,
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice short_deck",
-    "unequal_decks off_table too_steep no_velocity no_conveying no_feed",
+    "unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
 )
 REFUSAL = Record("code", "index", "value", "limit")
 

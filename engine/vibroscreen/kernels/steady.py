@@ -208,7 +208,8 @@ def solve_many(buffer, count, rebuild):
         if code != state.ACCEPTED:
             vectors.copy(result[: len(state.REFUSAL)], numbers(state.refusal(buffer)))
         else:
-            record(result, 0, state.FIGURE).residence_time = travel.residence_time(buffer, 0)
+            figure = record(result, 0, state.FIGURE)
+            figure.residence_time = travel.residence_time(buffer, 0)
             write_result(buffer, result)
 
 

@@ -65,7 +65,7 @@ typedef struct {
 /* What the braces of a text stand for. */
 typedef struct {
     const char *name, *unit, *range, *cure, *kind, *other;
-    double value, limit, other_limit, number;
+    double value, limit, other_limit, number, meant;
 } Told;
 
 /* --- messages --------------------------------------------------------------------------------- */
@@ -116,6 +116,7 @@ static double number_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "value")) return told->value;
     if (is(key, n, "limit")) return told->limit;
     if (is(key, n, "other_limit")) return told->other_limit;
+    if (is(key, n, "meant")) return told->meant;
     if (is(key, n, "degrees")) return told->value / DEGREE;
     if (is(key, n, "slope")) return tan(told->value);
     return told->number;
@@ -123,8 +124,8 @@ static double number_named(const char *key, size_t n, const Told *told) {
 
 static const char *text_named(const char *key, size_t n, const Told *told) {
     if (is(key, n, "name")) return told->name;
+    if (is(key, n, "unit")) return told->unit;
     if (is(key, n, "range")) return told->range;
-    if (is(key, n, "cure")) return told->cure;
     if (is(key, n, "kind")) return told->kind;
     return told->other;
 }
@@ -143,7 +144,8 @@ static void tell(Message *message, const char *text, const Told *told) {
             add_text(message, told->name);
             add_text(message, " = ");
             add_with_unit(message, told->value, told->unit);
-        } else add_text(message, text_named(key, n, told));
+        } else if (is(key, n, "cure")) tell(message, told->cure, told);
+        else add_text(message, text_named(key, n, told));
         text = key + strcspn(key, "}") + 1;
     }
 }
@@ -177,6 +179,13 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 }
 
 /* --- the engine ------------------------------------------------------------------------------- */
+/* Whether a value is far out of its range, and in it as a number of the unit that it is mistaken for. */
+static int in_another_unit(const double *buffer, int64_t place, Told told) {
+    const double *range = buffer + (int64_t) buffer[AT_LIMIT] + 2 * (place - PARAMETERS);
+    int far = fabs(told.value) > FAR * fmax(fabs(range[0]), fabs(range[1])) || told.value < range[0] / FAR;
+    return far && range[0] <= told.meant && told.meant <= range[1];
+}
+
 /* Tell what the kernels refuse. */
 static fmi2Status judge(const Screen *screen, const Laid *laid, int64_t code) {
     if (code < 0 || code >= screen->sheet.codes)
@@ -189,8 +198,10 @@ static fmi2Status judge(const Screen *screen, const Laid *laid, int64_t code) {
     Told told = {
         .name = word(screen, variable->name), .unit = word(screen, variable->unit),
         .range = word(screen, variable->range), .value = refusal[2], .limit = refusal[3], .number = buffer[place],
-        .cure = word(screen, text == TEXT_TOO_LARGE ? variable->cure_of_large : variable->cure),
+        .cure = word(screen, variable->cure), .meant = refusal[2] * screen->sheet.other_unit[place - PARAMETERS],
     };
+    if ((text == TEXT_TOO_SMALL || text == TEXT_TOO_LARGE) && in_another_unit(buffer, place, told))
+        told.cure = word(screen, variable->question);
     return refuse(screen, text, told);
 }
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from vibroscreen.fields import FAR
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, READ
 from vibroscreen.kernels.physics.segregation import EXCHANGE
@@ -83,6 +84,7 @@ def header(engine: str, suffix: str) -> str:
         "OWN_MODELS": len(OWN),
         "TEXTS": len(texts()),
         "EXCHANGE": EXCHANGE,
+        "FAR": FAR,
         "COMMAND_INITIALISE": INITIALISE,
         "COMMAND_ADVANCE": ADVANCE,
         "COMMAND_READ": READ,

@@ -1,7 +1,7 @@
 /* What a screen adds to the engine: resources/screen.bin, which vibroscreen_fmu/native/tables.py
    writes. Behind a head lie parts one after the other, each as a count and so many items. */
 typedef struct {
-    int32_t name, unit, range, cure, cure_of_large, kind; /* places in the words */
+    int32_t name, unit, range, cure, question, kind; /* places in the words */
 } Variable;
 
 typedef struct {
@@ -11,8 +11,8 @@ typedef struct {
 
 typedef struct {
     const unsigned char *bytes, *at, *end;
-    int64_t figures, dimensions, values, rows, variables, fixed, tunable, codes, reasons, texts, owners, words;
-    const double *figure, *dimension, *start, *aperture, *velocity;
+    int64_t figures, dimensions, values, rows, units, variables, fixed, tunable, codes, reasons, texts, owners, words;
+    const double *figure, *dimension, *start, *aperture, *velocity, *other_unit;
     const unsigned char *flags, *text_of_code, *text_of_reason, *owner;
     const Variable *variable;
     const int32_t *fixed_one, *tunable_one, *text;
@@ -64,6 +64,7 @@ closed:
     sheet->aperture = part(sheet, sizeof(double), &sheet->rows);
     sheet->velocity = part(sheet, sizeof(double), &sheet->velocities);
     sheet->flags = part(sheet, 1, &sheet->values);
+    sheet->other_unit = part(sheet, sizeof(double), &sheet->units);
     sheet->variable = part(sheet, sizeof(Variable), &sheet->variables);
     sheet->fixed_one = part(sheet, sizeof(int32_t), &sheet->fixed);
     sheet->tunable_one = part(sheet, sizeof(int32_t), &sheet->tunable);
@@ -73,7 +74,7 @@ closed:
     sheet->owner = part(sheet, 1, &sheet->owners);
     sheet->word = part(sheet, 1, &sheet->words);
     if (sheet->at != sheet->end || sheet->figures != FIGURES || sheet->dimensions != N_DIMENSIONS || sheet->owners != 16
-        || sheet->variables != sheet->values || sheet->velocities != sheet->rows || sheet->texts < TEXTS
+        || sheet->variables != sheet->values || sheet->units != sheet->values || sheet->velocities != sheet->rows || sheet->texts < TEXTS
         || !sheet->words || sheet->word[sheet->words - 1])
         return "is cut or changed";
     sheet->guid = sheet->word;

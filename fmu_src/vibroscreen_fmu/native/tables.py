@@ -6,6 +6,7 @@ order of what is listed is that of vibroscreen/native/header.py, the texts are t
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import TEXT
+from vibroscreen.fields import Number
 from vibroscreen.kernels import library
 from vibroscreen.kernels.state import DIMENSION, HEADER_SIZE, REASONS, REFUSED
 from vibroscreen.native import header
@@ -61,7 +63,7 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
     # A steady solution alone is refused by those that have no text here.
     codes = [key if key in TEXT else "failed" for key in ("", *REFUSED)]
     limits = layout.view(buffer, "limit")
-    flags, variables = _variables(config, limits, ports, words)
+    flags, factors, variables = _variables(config, limits, ports, words)
     body = b"".join(
         [
             _part("d", _figures(config, ports)),
@@ -70,6 +72,7 @@ def sheet(config: ScreenConfig, ports: Sequence[Port], name: str, guid: str, bui
             _part("d", (row[0] for row in table)),
             _part("d", (row[1] for row in table)),
             _part("B", flags),
+            _part("d", factors),
             _rows("6i", variables),
             _part("i", (p.reference for p in ports if p.path and p.variability == "fixed")),
             _part("i", (p.reference for p in ports if p.variability == "tunable")),
@@ -125,10 +128,13 @@ def _figures(config: ScreenConfig, ports: Sequence[Port]) -> list[float]:
 
 def _variables(
     config: ScreenConfig, limits: NDArray[np.float64], ports: Sequence[Port], words: _Words
-) -> tuple[list[int], list[tuple[int, ...]]]:
-    """All variables by value reference: what may be done with them, and what people call them."""
+) -> tuple[list[int], list[float], list[tuple[int, ...]]]:
+    """All variables by value reference: what may be done with them, and what people call them.
+
+    Between them the factor of the unit that a value is mistaken for, NaN where there is none.
+    """
     size = max(port.reference for port in ports) + 1
-    flags = [0] * size
+    flags, factors = [0] * size, [math.nan] * size
     names: list[tuple[int, ...]] = [(words.at(""),) * 6] * size
     given = settings_of(config)
     for port in ports:
@@ -140,7 +146,11 @@ def _variables(
         about: tuple[str, ...] = ("", "", "", "")
         if number:
             most = limits[port.reference, 1]
-            cures = (number.cure(text, most) for text in ("too_small", "too_large"))
-            about = (number.unit, number.range(most), *cures)
+            about = (number.unit, number.range(most), number.plain_cure(most), "")
+            entry = number.entry
+            if isinstance(entry, Number) and entry.other_units:
+                (unit,) = entry.other_units
+                factors[port.reference] = unit.factor
+                about = (*about[:3], entry.question(unit))
         names[port.reference] = tuple(map(words.at, (port.name, *about, port.kind)))
-    return flags, names
+    return flags, factors, names

@@ -370,6 +370,7 @@ def random_box(rng: np.random.Generator, model: str) -> ScreenConfig:
                 ),
             )
         )
+    decks.sort(key=lambda deck: max(part.aperture for part in deck.panels), reverse=True)
     bed = Bed(0.02, rng.choice([0.02, 0.004]), str(rng.choice(["empty", "steady"])), 6)
     return screen_of(
         *decks,

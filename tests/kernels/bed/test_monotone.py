@@ -51,7 +51,7 @@ def screens(draw: st.DrawFn, law: str, model: str) -> ScreenConfig:
 VARIED = {
     "feed.mass_flow_rate": (np.array([1.0, 1.15, 1.5, 3.0]), -1.0),
     "deck[1].panel[1].length": (np.array([1.0, 1.1, 1.5, 3.0]), 1.0),
-    "deck[1].panel[1].open_area": (np.array([0.5, 0.55, 0.7, 1.0]), 1.0),
+    "deck[1].panel[1].open_area": (np.array([0.5, 0.55, 0.7, 0.9]), 1.0),
 }
 
 

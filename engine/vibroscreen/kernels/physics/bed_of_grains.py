@@ -2,8 +2,8 @@
 
 import math
 
-from vibroscreen.compiler.elementary import cos, tan
-from vibroscreen.compiler.language import kernel, record, view1, view2
+from vibroscreen.compiler.elementary import tan
+from vibroscreen.compiler.language import kernel, numbers, record, view1, view2
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import motion, rigid_body
@@ -167,18 +167,17 @@ def solve_bed(harmonic, drive, result, work):
     if not rigid_body.set_motion(harmonic, drive, result, work):
         return
     given, found = record(drive, 0, motion.DRIVE), record(result, 0, motion.RESULT)
-    weight = motion.GRAVITY * cos(given.inclination)
-    velocity_unit = weight / (2.0 * math.pi * given.frequency)
+    speed, weight = rigid_body.scales(drive)
     slope = tan(given.inclination)
     landing = work[motion.CONSTANT] * math.sqrt(max(found.throw - 1.0, 1e-6))
     grip = bed_friction(given.friction, work[motion.CONSTANT + 2])
     work[motion.ROLLS] = given.rolling
     _set_swing(work)
-    vectors.fill(view1(work, motion.BODY_AT, len(motion.BODY)), 0.0)
+    vectors.fill(numbers(motion.body_of(work)), 0.0)
     periods = _settle_landing(work, landing, rigid_body.block_periods(found.throw))
-    drag = work[motion.CONSTANT + 3] * velocity_unit
+    drag = work[motion.CONSTANT + 3] * (weight / speed)
     _settle_slip(work, periods, slope, landing, grip, drag)
-    rigid_body.write_result(periods, 0.0, weight, velocity_unit, result, work)
+    rigid_body.write_result(periods, 0.0, drive, result, work)
     if found.status == 0.0 and (slope > grip or found.throw > BED_THROW):
         found.status = 3.0
 

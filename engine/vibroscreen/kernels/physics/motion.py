@@ -31,7 +31,7 @@ FORM_AT = LAWS + 15
 EDGE = FORM_AT + 6  # [MAX_EDGES, 8] a place, and the signs of the laws 0 to 2 from there on
 BODY_AT = EDGE + 8 * MAX_EDGES
 PLACE_AT = BODY_AT + 15
-NODE = PLACE_AT + 5  # [2, 5] phase, xi'', eta'', xi''', eta'''
+NODE = PLACE_AT + 5  # [2, 5] two places with xi'' and eta'' instead of xi and eta
 PAST = NODE + 10  # [3, 4] state two periods ago, one period ago, reference
 ORDER = PAST + 12  # highest order
 EDGES = ORDER + 1  # number of edges in use
@@ -65,6 +65,11 @@ def law_of(work, row):
 @kernel
 def edge_of(work, k):
     return record(work, EDGE + 8 * k, PLACE)
+
+
+@kernel
+def node_of(work, k):
+    return record(work, NODE + 5 * k, PLACE)
 
 
 @kernel

@@ -3,7 +3,7 @@
 import math
 
 from vibroscreen.compiler.elementary import cos, tan
-from vibroscreen.compiler.language import kernel, record, view1, view2
+from vibroscreen.compiler.language import kernel, numbers, record, view1, view2
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import motion
@@ -31,33 +31,40 @@ GAUSS = (
 
 # --- roots ---------------------------------------------------------------------------------------
 @kernel
-def _set_place(work, phase, place):
-    along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 0)
+def _set_place(work, phase, place, derivative):
+    """Write a phase and xi and eta or their derivatives there, each with the next one."""
+    wave = motion.wave_of(work)
+    along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, derivative)
     place.phase = phase
     place.along, place.along_rate = along, along_rate
     place.normal, place.normal_rate = normal, normal_rate
 
 
 @kernel
-def _form_static(work, law, derivative):
-    """A law (derivative 2) or its rate (derivative 3) as a function of the phase, for _root."""
+def _law_root(work, law, derivative, low, high, falls, guess):
+    """Phase at which a law (derivative 2) or its rate (derivative 3) is zero, as _root."""
     form = record(work, motion.FORM_AT, motion.FORM)
     form.constant = law.constant if derivative == 2 else 0.0
     form.linear, form.quadratic, form.origin = 0.0, 0.0, 0.0
     form.along, form.normal = law.along, law.normal
+    return _root(work, derivative, low, high, falls, guess)
 
 
 @kernel
-def _form_motion(work, law, derivative, position, rate):
-    """Position (derivative 0) or velocity (1) under a law from the body on, for _root."""
+def _motion_root(work, law, derivative, rate, high, falls, guess):
+    """Phase up to `high` at which the body's height (derivative 0) or velocity (1) is zero.
+
+    It moves on under a law with the velocity `rate`; as _root.
+    """
     form, body = record(work, motion.FORM_AT, motion.FORM), motion.body_of(work)
     velocity_part = rate - law.along * body.along_rate - law.normal * body.normal_rate
     form.along, form.normal, form.origin = law.along, law.normal, body.phase
     if derivative == 1:
         form.constant, form.linear, form.quadratic = velocity_part, law.constant, 0.0
     else:
-        form.constant = position - law.along * body.along - law.normal * body.normal
+        form.constant = body.height - law.along * body.along - law.normal * body.normal
         form.linear, form.quadratic = velocity_part, 0.5 * law.constant
+    return _root(work, derivative, body.phase, high, falls, guess)
 
 
 @kernel
@@ -107,76 +114,70 @@ def _add_edge(work, phase):
 
 
 @kernel
-def _pull(law, along, normal):
-    """What a law gives where xi'' and eta'' are these."""
-    return law.constant + law.along * along + law.normal * normal
+def _pull(law, place):
+    """What a law gives where a place holds xi'' and eta''."""
+    return law.constant + law.along * place.along + law.normal * place.normal
 
 
 @kernel
 def _bracket_law(work, law):
     """Add the roots of a law between the two nodes, also a pair around an extremum inside."""
-    node = view2(work, motion.NODE, 2, 5)
-    low, high = node[0, 0], node[1, 0]
-    before, after = _pull(law, node[0, 1], node[0, 2]), _pull(law, node[1, 1], node[1, 2])
+    low, high, place = motion.node_of(work, 0), motion.node_of(work, 1), motion.place_of(work)
+    before, after = _pull(law, low), _pull(law, high)
     positive = before > 0.0
+    start, end = low.phase, high.phase
     if positive != (after > 0.0):
-        _form_static(work, law, 2)
-        guess = low + (high - low) * before / (before - after)
-        _add_edge(work, _root(work, 2, low, high, positive, guess))
+        guess = start + (end - start) * before / (before - after)
+        _add_edge(work, _law_root(work, law, 2, start, end, positive, guess))
         return
-    rate_before = law.along * node[0, 3] + law.normal * node[0, 4]
-    rate_after = law.along * node[1, 3] + law.normal * node[1, 4]
+    rate_before = law.along * low.along_rate + law.normal * low.normal_rate
+    rate_after = law.along * high.along_rate + law.normal * high.normal_rate
     towards_zero = rate_before < 0.0 if positive else rate_before > 0.0
     if towards_zero and (rate_before > 0.0) != (rate_after > 0.0):
-        _form_static(work, law, 3)
-        extremum = _root(work, 3, low, high, rate_before > 0.0, 0.5 * (low + high))
-        along, normal, _, _ = motion.wave_at(motion.wave_of(work), extremum, 2)
-        if (_pull(law, along, normal) > 0.0) != positive:
-            _form_static(work, law, 2)
-            _add_edge(work, _root(work, 2, low, extremum, positive, 0.5 * (low + extremum)))
-            _add_edge(work, _root(work, 2, extremum, high, not positive, 0.5 * (extremum + high)))
+        top = _law_root(work, law, 3, start, end, rate_before > 0.0, 0.5 * (start + end))
+        _set_place(work, top, place, 2)
+        if (_pull(law, place) > 0.0) != positive:
+            guess = 0.5 * (start + top)
+            _add_edge(work, _law_root(work, law, 2, start, top, positive, guess))
+            guess = 0.5 * (top + end)
+            _add_edge(work, _law_root(work, law, 2, top, end, not positive, guess))
 
 
 @kernel
-def _next_node(work, number, count):
-    """Move the pair of nodes on: node 0 takes the values of node 1, node 1 those of `number`."""
-    node = view2(work, motion.NODE, 2, 5)
-    for k in range(5):
-        node[0, k] = node[1, k]
-    phase = 2.0 * math.pi * number / count
-    along, normal, along_rate, normal_rate = motion.wave_at(motion.wave_of(work), phase, 2)
-    node[1, 0], node[1, 1], node[1, 2] = phase, along, normal
-    node[1, 3], node[1, 4] = along_rate, normal_rate
-
-
-@kernel
-def _node_count(order):
+def _node_count(work):
     """Nodes per period among which roots are bracketed."""
+    order = work[motion.ORDER]
     return NODES_FUNDAMENTAL if order == 1.0 else int(NODES_PER_ORDER * order)
+
+
+@kernel
+def _next_node(work, number):
+    """Move the pair of nodes on: node 0 takes the values of node 1, node 1 those of `number`."""
+    node = motion.node_of(work, 1)
+    _advance(motion.node_of(work, 0), node)
+    _set_place(work, 2.0 * math.pi * number / _node_count(work), node, 2)
 
 
 @kernel
 def _find_edges(work):
     """Cut the period into segments in which no law changes its sign; the signs go with them."""
-    edge = view2(work, motion.EDGE, motion.MAX_EDGES, 8)
+    edge, place = view2(work, motion.EDGE, motion.MAX_EDGES, 8), motion.place_of(work)
     edge[0, 0] = 0.0
     work[motion.EDGES] = 1.0
-    nodes = _node_count(work[motion.ORDER])
-    _next_node(work, 0, nodes)
-    for number in range(1, nodes + 1):
-        _next_node(work, number, nodes)
+    _next_node(work, 0)
+    for number in range(1, _node_count(work) + 1):
+        _next_node(work, number)
         for row in range(FORCE, BACK + 1):
             _bracket_law(work, motion.law_of(work, row))
     count = int(work[motion.EDGES])
     edge[count, 0] = 2.0 * math.pi
     work[motion.EDGES] = count + 1
     for k in range(count + 1):
-        _set_place(work, edge[k, 0], motion.edge_of(work, k))
+        _set_place(work, edge[k, 0], motion.edge_of(work, k), 0)
         if k < count:
-            middle = 0.5 * (edge[k, 0] + edge[k + 1, 0])
-            along, normal, _, _ = motion.wave_at(motion.wave_of(work), middle, 2)
+            _set_place(work, 0.5 * (edge[k, 0] + edge[k + 1, 0]), place, 2)
             for row in range(FORCE, BACK + 1):
-                pulls = _pull(motion.law_of(work, row), along, normal) > 0.0
+                pulls = _pull(motion.law_of(work, row), place) > 0.0
                 edge[k, 5 + row] = 1.0 if pulls else -1.0
 
 
@@ -233,9 +234,9 @@ def _slip(work, row, segment):
     stopped = velocity <= 0.0 if forward else velocity >= 0.0
     _advance(place, end)
     if stopped and slows:
-        _form_motion(work, law, 1, 0.0, body.slip)
         guess = body.phase + (end.phase - body.phase) * body.slip / (body.slip - velocity)
-        _set_place(work, _root(work, 1, body.phase, end.phase, forward, guess), place)
+        stop = _motion_root(work, law, 1, body.slip, end.phase, forward, guess)
+        _set_place(work, stop, place, 0)
     body.travel += _path(law, body, place, body.slip)
     if body.measured > 0.0:
         body.loss += _friction_loss(work, law, place.phase)
@@ -257,19 +258,16 @@ def _landing(work, segment):
     if work[motion.EDGE + 8 * segment + 5] > 0.0:
         if height > 0.0:
             return -1.0
-        _form_motion(work, law, 0, body.height, body.rise)
-        return _root(work, 0, low, high, True, high)
+        return _motion_root(work, law, 0, body.rise, high, True, high)
     rise = body.rise + _gain(law, body, end)
     if body.rise >= 0.0 or (rise <= 0.0 and height > 0.0):
         return -1.0
     if rise > 0.0:
-        _form_motion(work, law, 1, 0.0, body.rise)
-        high = _root(work, 1, low, high, False, 0.5 * (low + high))
-        _set_place(work, high, place)
+        high = _motion_root(work, law, 1, body.rise, high, False, 0.5 * (low + high))
+        _set_place(work, high, place, 0)
         if body.height + _path(law, body, place, body.rise) > 0.0:
             return -1.0
-    _form_motion(work, law, 0, body.height, body.rise)
-    return _root(work, 0, low, high, True, low)
+    return _motion_root(work, law, 0, body.rise, high, True, low)
 
 
 @kernel
@@ -279,7 +277,7 @@ def _fly(work, segment):
     body, place = motion.body_of(work), motion.place_of(work)
     landing = _landing(work, segment)
     if landing >= 0.0:
-        _set_place(work, landing, place)
+        _set_place(work, landing, place, 0)
     else:
         _advance(place, motion.edge_of(work, segment + 1))
     velocity = body.slip + _gain(law, body, place)
@@ -432,20 +430,19 @@ def _measure(work, blocks, periods):
 @kernel
 def _throw_number(work):
     """Largest upward pull of the deck over g cos(alpha) [1]: the maximum of -eta''."""
-    wave, node = motion.wave_of(work), view2(work, motion.NODE, 2, 5)
+    wave, place = motion.wave_of(work), motion.place_of(work)
+    low, high = motion.node_of(work, 0), motion.node_of(work, 1)
     if wave[0, 0] == 1.0 and wave[1, 0] == 0.0:
         return math.sqrt(wave[0, 3] * wave[0, 3] + wave[0, 4] * wave[0, 4])
     largest = 0.0
-    nodes = _node_count(work[motion.ORDER])
-    _next_node(work, 0, nodes)
-    for number in range(1, nodes + 1):
-        _next_node(work, number, nodes)
-        if node[0, 4] < 0.0 and node[1, 4] >= 0.0:
-            _form_static(work, motion.law_of(work, FORCE), 3)
-            middle = 0.5 * (node[0, 0] + node[1, 0])
-            lowest = _root(work, 3, node[0, 0], node[1, 0], False, middle)
-            _, normal, _, _ = motion.wave_at(wave, lowest, 2)
-            largest = max(largest, -normal)
+    _next_node(work, 0)
+    for number in range(1, _node_count(work) + 1):
+        _next_node(work, number)
+        if low.normal_rate < 0.0 and high.normal_rate >= 0.0:
+            start, end, force = low.phase, high.phase, motion.law_of(work, FORCE)
+            lowest = _law_root(work, force, 3, start, end, False, 0.5 * (start + end))
+            _set_place(work, lowest, place, 2)
+            largest = max(largest, -place.normal)
     return largest
 
 
@@ -476,14 +473,19 @@ def _set_wave(harmonic, scale, work):
 
 
 @kernel
+def scales(drive):
+    """Angular velocity of the drive, 1/s, and gravity normal to the panel, m/s2."""
+    given = record(drive, 0, motion.DRIVE)
+    return 2.0 * math.pi * given.frequency, motion.GRAVITY * cos(given.inclination)
+
+
+@kernel
 def set_motion(harmonic, drive, result, work):
     """Clear the result, set the wave and the throw number; False if the deck is at rest."""
     vectors.fill(result, 0.0)
-    given = record(drive, 0, motion.DRIVE)
-    speed = 2.0 * math.pi * given.frequency
-    weight = motion.GRAVITY * cos(given.inclination)
+    speed, weight = scales(drive)
     work[motion.ORDER] = 0.0
-    if not (given.frequency > 1e-9 and weight > 0.0):
+    if not (speed > 2.0 * math.pi * 1e-9 and weight > 0.0):
         return False
     _set_wave(harmonic, speed * speed / weight, work)
     if work[motion.ORDER] == 0.0:
@@ -493,9 +495,11 @@ def set_motion(harmonic, drive, result, work):
 
 
 @kernel
-def write_result(periods, deviation, weight, velocity_unit, result, work):
+def write_result(periods, deviation, drive, result, work):
     """Means over the measured periods in SI units."""
     body, found = motion.body_of(work), record(result, 0, motion.RESULT)
+    speed, weight = scales(drive)
+    velocity_unit = weight / speed
     phase = 2.0 * math.pi * periods
     found.velocity = velocity_unit * body.travel / phase
     found.spread = velocity_unit * deviation / (2.0 * math.pi)
@@ -527,8 +531,6 @@ def rigid_body(harmonic, drive, result, work):
     if not set_motion(harmonic, drive, result, work):
         return
     given, found = record(drive, 0, motion.DRIVE), record(result, 0, motion.RESULT)
-    speed = 2.0 * math.pi * given.frequency
-    weight = motion.GRAVITY * cos(given.inclination)
     slope = tan(given.inclination)
     if not abs(slope) < given.friction:
         found.status = 1.0
@@ -537,10 +539,9 @@ def rigid_body(harmonic, drive, result, work):
     _set_law(work, BACK, slope + given.friction, -1.0, given.friction)
     _set_law(work, FLIGHT, slope, -1.0, 0.0)
     _find_edges(work)
-    vectors.fill(view1(work, motion.BODY_AT, len(motion.BODY)), 0.0)
+    vectors.fill(numbers(motion.body_of(work)), 0.0)
     _advance(motion.body_of(work), motion.edge_of(work, 0))
     regime = _settle(work)
-    blocks = 1 if regime > 0 else BLOCKS
-    periods = regime if regime > 0 else block_periods(found.throw)
+    blocks, periods = (1, regime) if regime > 0 else (BLOCKS, block_periods(found.throw))
     deviation = _measure(work, blocks, periods)
-    write_result(blocks * periods, deviation / periods, weight, weight / speed, result, work)
+    write_result(blocks * periods, deviation / periods, drive, result, work)
