@@ -29,7 +29,6 @@ def write_stream(buffer, row, fraction, duration):
 
 @kernel
 def apertures_of_top(buffer):
-    """Least and largest aperture of the top deck, m."""
     least = most = state.panel(buffer, 0, 0).aperture
     for number in range(1, travel.panel_count(buffer, 0)):
         aperture = state.panel(buffer, 0, number).aperture
@@ -143,7 +142,7 @@ def write_state(buffer):
 def write_bed(buffer, deck):
     """Hold-up, depths, velocity and alarms of a deck; returns the power that its bed takes, W."""
     output, bed = state.outputs(buffer), state.deck_bed(buffer, deck)
-    bed.hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[deck]
+    bed.hold_up = state.vector(buffer, state.AT.hold_up_work, state.extent(buffer).decks, 0)[deck]
     bed.depth_feed = depth_at_feed(buffer, deck)
     bed.depth_discharge = depth_at_discharge(buffer, deck)
     bed.transport_velocity = state.scene(buffer, state.AT.scene, deck, 0).transport_velocity
@@ -165,7 +164,6 @@ def write_bed(buffer, deck):
 
 @kernel
 def write_sums(buffer):
-    """Cumulative masses."""
     output = state.outputs(buffer)
     output.feed_mass = ledger_total(buffer, state.FED)
     output.undersize_mass = ledger_total(buffer, state.UNDER)
@@ -176,7 +174,6 @@ def write_sums(buffer):
 
 @kernel
 def write_streams(buffer, duration):
-    """Outputs that are means over the step."""
     output = state.outputs(buffer)
     under = state.class_vector(buffer, state.AT.undersize_fraction, 0)
     over = state.class_vector(buffer, state.AT.oversize_fraction, 0)
