@@ -15,7 +15,7 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -272,6 +272,11 @@ class ScreenConfig:
     def apertures(self) -> tuple[float, ...]:
         """Apertures of all panels [m], top deck and feed end first."""
         return tuple(panel.aperture for deck in self.decks for panel in deck.panels)
+
+    @cached_property
+    def largest_apertures(self) -> tuple[float, ...]:
+        """Largest aperture of every deck [m], top deck first."""
+        return tuple(max(panel.aperture for panel in deck.panels) for deck in self.decks)
 
     def _complete_feed(self) -> None:
         """Put a typical composition where none is given; the duty must be complete in any case."""

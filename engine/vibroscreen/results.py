@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,44 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 __all__ = ["DeckResult", "StepResult"]
 
 Array = NDArray[np.float64]
+
+
+class Rows(NamedTuple):
+    """What results of decks are made from: `deck_result`, and streams by node [kg/s].
+
+    fed: to the screen; rates: `step_mass` in a second; last_fraction: of the feed, which streams
+    that do not flow repeat.
+    """
+
+    nodes: Nodes
+    classes: int
+    figures: Array
+    fed: Array
+    rates: Array
+    last_fraction: Array
+    largest: Sequence[float]
+
+    @property
+    def decks(self) -> tuple[DeckResult[float], ...]:
+        """Results of the decks, top deck first."""
+        count = len(self.largest)
+        come = [self.fed, *self.rates[: count - 1]]
+        parts = (
+            Separation(
+                self.nodes,
+                self.classes,
+                come[d],
+                self.rates[d],
+                self.rates[count + d],
+                self.last_fraction,
+                self.largest[d],
+            )
+            for d in range(count)
+        )
+        return tuple(
+            DeckResult[float](deck=k, _separation=part, **dict(zip(_DECK, row, strict=True)))
+            for k, (row, part) in enumerate(zip(self.figures.tolist(), parts, strict=True), start=1)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +142,13 @@ def deck_values(deck: DeckFigures[float]) -> dict[str, Any]:
 class Told:
     """Figures, alarms and tables that a step and a steady state have in common."""
 
-    decks: tuple[DeckResult[float], ...]
+    _rows: Rows
     alarm_reasons: Mapping[str, str]
+
+    @cached_property
+    def decks(self) -> tuple[DeckResult[float], ...]:
+        """Results of every deck, top deck first."""
+        return self._rows.decks
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -176,9 +219,9 @@ class StepResult(Told, BoxFigures[float]):
     undersize: Stream
     oversize: Stream
     intermediate: tuple[Stream, ...]
-    decks: tuple[DeckResult[float], ...]
     alarm_reasons: Mapping[str, str]
     size_classes: SizeClasses = field(repr=False)
+    _rows: Rows = field(repr=False)
 
     def frame(self) -> pd.DataFrame:
         """Table by class: limits [m] and products [kg/s]."""
@@ -210,31 +253,6 @@ _DECK = tuple(figure.scalar for figure in figures.DECK)
 def box_of(output: Mapping[str, Any]) -> dict[str, Any]:
     """The figures of the box among the outputs."""
     return {name: output[name] for name in _BOX}
-
-
-def decks_of(rows: Array, separation: Sequence[Separation]) -> tuple[DeckResult[float], ...]:
-    """Results of the decks from `deck_result` [deck, figure]."""
-    return tuple(
-        DeckResult[float](deck=k, _separation=parts, **dict(zip(_DECK, row, strict=True)))
-        for k, (row, parts) in enumerate(zip(rows.tolist(), separation, strict=True), start=1)
-    )
-
-
-def separations(
-    nodes: Nodes,
-    classes: int,
-    fed: Array,
-    rates: Array,
-    last_fraction: Array,
-    largest: Sequence[float],
-) -> list[Separation]:
-    """What comes to every deck and leaves it, from `step_mass` [stream, node] in kg/s."""
-    count = len(largest)
-    come = [fed, *rates[: count - 1]]
-    return [
-        Separation(nodes, classes, come[d], rates[d], rates[count + d], last_fraction, largest[d])
-        for d in range(count)
-    ]
 
 
 def reasons(rows: Array) -> dict[str, str]:

@@ -25,7 +25,7 @@ from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
 from vibroscreen.motion import Harmonic, Motion, transport_velocity
-from vibroscreen.results import Separation, StepResult, box_of, decks_of, reasons, separations
+from vibroscreen.results import Rows, StepResult, box_of, reasons
 from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
@@ -177,7 +177,6 @@ class Screen:
         """What the last step gave."""
         self.read()
         output = dict(zip(state.OUTPUT, self.view("output").tolist(), strict=True))
-        classes = self.config.size_classes.count
         return StepResult(
             undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
             oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
@@ -187,21 +186,20 @@ class Screen:
                     self.view("intermediate"), self.view("intermediate_fraction"), strict=True
                 )
             ),
-            decks=decks_of(self.view("deck_result"), self._separations(classes)),
             alarm_reasons=reasons(self.view("alarm")),
             size_classes=self.config.size_classes,
+            _rows=self._rows(),
             **box_of(output),
         )
 
-    def _separations(self, classes: int) -> list[Separation]:
-        """What came to every deck and left it in the last step, by node."""
-        duration = self._memory.duration
-        rates = self.view("step_mass") / duration if duration > 0.0 else self.view("step_mass")
-        place = self.view("last_seen").size - classes - 1
-        share = self.view("feed_fraction")
-        fed = share * self.view("last_seen")[place]
-        largest = [max(panel.aperture for panel in deck.panels) for deck in self.config.decks]
-        return separations(self.nodes, classes, fed, rates.copy(), share.copy(), largest)
+    def _rows(self) -> Rows:
+        """What came to every deck and left it in the last step, by node, and its figures."""
+        duration, classes = self._memory.duration, self.config.size_classes.count
+        rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
+        seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
+        fed = share * seen[seen.size - classes - 1]
+        figures = self.view("deck_result").copy()
+        return Rows(self.nodes, classes, figures, fed, rates, share, self.config.largest_apertures)
 
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""

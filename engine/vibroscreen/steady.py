@@ -16,16 +16,7 @@ from vibroscreen.figures import BoxFigures
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.layout import Layout
-from vibroscreen.results import (
-    DeckResult,
-    Told,
-    box_of,
-    by_class,
-    class_frame,
-    decks_of,
-    reasons,
-    separations,
-)
+from vibroscreen.results import Rows, Told, box_of, by_class, class_frame, reasons
 from vibroscreen.size_classes import Nodes
 from vibroscreen.stream import Feed, Stream
 
@@ -102,8 +93,8 @@ class SteadyResult(Told, BoxFigures[float]):
     """
 
     feed: Feed
-    decks: tuple[DeckResult[float], ...]
     alarm_reasons: Mapping[str, str]
+    _rows: Rows = field(repr=False)
     _slice: Slice = field(repr=False)
     _kept: Kept = field(repr=False)
 
@@ -225,14 +216,20 @@ class Slice:
         """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
         self._check(self._run(SOLVE, 0.0, 0.0), self.buffer, self.layout)
         kept = Kept._make([values.copy() for values in self._found])
-        largest = [max(panel.aperture for panel in deck.panels) for deck in self.config.decks]
         fed = kept.feed_fraction * feed.mass_flow_rate
-        classes = self.config.size_classes.count
-        parts = separations(self.nodes, classes, fed, kept.step_mass, kept.feed_fraction, largest)
+        rows = Rows(
+            self.nodes,
+            self.config.size_classes.count,
+            kept.deck_result,
+            fed,
+            kept.step_mass,
+            kept.feed_fraction,
+            self.config.largest_apertures,
+        )
         return SteadyResult(
             feed=feed,
-            decks=decks_of(kept.deck_result, parts),
             alarm_reasons=reasons(kept.alarm),
+            _rows=rows,
             _slice=self,
             _kept=kept,
             **box_of(dict(zip(state.OUTPUT, kept.output.tolist(), strict=True))),

@@ -42,8 +42,8 @@ def look(buffer, seen):
     place = put(seen, 0, numbers(inputs)[1:])
     place = put(seen, place, numbers(state.parameters(buffer)))
     panels = extent.decks * extent.panels * len(state.PANEL)
-    place = put(seen, place, state.scalars(buffer, state.AT.panel, panels))
-    place = put(seen, place, state.scalars(buffer, state.AT.harmonic, 5 * state.MAX_HARMONICS))
+    place = put(seen, place, state.vector(buffer, state.AT.panel, panels, 0))
+    place = put(seen, place, state.vector(buffer, state.AT.harmonic, 5 * state.MAX_HARMONICS, 0))
     rate = max(0.0, inputs.feed_mass_flow_rate)
     seen[place] = rate
     fraction = state.class_vector(buffer, state.AT.fraction, 0)
@@ -55,13 +55,12 @@ def look(buffer, seen):
 def seen(buffer):
     """What is seen now, and what was seen last."""
     size = motion_part(buffer) + 1 + state.extent(buffer).classes
-    last = state.scalars(buffer, state.AT.last_seen, size)
-    return state.scalars(buffer, state.AT.seen_now, size), last
+    last = state.vector(buffer, state.AT.last_seen, size, 0)
+    return state.vector(buffer, state.AT.seen_now, size, 0), last
 
 
 @kernel
 def differ(one, two, start, stop):
-    """Whether two vectors differ anywhere in start..stop."""
     for k in range(start, stop):
         if one[k] != two[k]:
             return True
@@ -139,7 +138,6 @@ def same_rates(buffer, now, last):
 
 @kernel
 def displaced(buffer, now, last):
-    """Whether anything changed that the displacement depends on."""
     inputs = len(state.INPUT) - 1
     if differ(now, last, 0, inputs):
         return True
@@ -167,11 +165,11 @@ def spread_feed(buffer):
         total += spread[k]
     vectors.ratio(spread, spread, total)
     split_classes(
-        state.scalars(buffer, state.AT.edge, fraction.size + 1),
+        state.vector(buffer, state.AT.edge, fraction.size + 1, 0),
         spread,
         state.node_vector(buffer, state.AT.node_class, 0),
         state.node_vector(buffer, state.AT.node_position, 0),
         state.node_vector(buffer, state.AT.node_weight, 0),
-        state.scalars(buffer, state.AT.slope, fraction.size + 1),
+        state.vector(buffer, state.AT.slope, fraction.size + 1, 0),
         state.node_vector(buffer, state.AT.feed_fraction, 0),
     )

@@ -64,7 +64,6 @@ def check_values(buffer):
 
 @kernel
 def check_sum(buffer):
-    """Check that the feed fractions sum to one."""
     fraction = state.class_vector(buffer, state.AT.fraction, 0)
     total = 0.0
     for k in range(fraction.size):
@@ -102,7 +101,6 @@ def check_model(buffer, index, built_in, address):
 
 @kernel
 def check_models(buffer):
-    """Check the sub-models."""
     extent = state.extent(buffer)
     code = check_model(buffer, PASSAGE_LAW, BOUNCE, extent.passage_address)
     if code == state.ACCEPTED:

@@ -61,7 +61,7 @@ def count_held(buffer):
     """What lies on all decks by class, into `held`, kg."""
     node = state.node_vector(buffer, state.AT.node_work, 0)
     vectors.fill(node, 0.0)
-    hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)
+    hold_up = state.vector(buffer, state.AT.hold_up_work, state.extent(buffer).decks, 0)
     for deck in range(hold_up.size):
         hold_up[deck] = held_by_node(buffer, deck, node)
     classes.sum_nodes(buffer, node, state.class_vector(buffer, state.AT.held, 0))

@@ -22,7 +22,6 @@ LAYER = ("fmi2.c", "fmi2.h", "place.h", "processor.h", "sheet.h")
 
 
 def _load() -> None:
-    """Import all modules that have entries."""
     import vibroscreen.kernels.entry
     import vibroscreen.kernels.plan  # noqa: F401
 

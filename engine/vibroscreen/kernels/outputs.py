@@ -149,7 +149,7 @@ def finer_size(buffer, mass, share, before):
 
     Each node stands for as much of its class as it weighs; there the mass lies evenly.
     """
-    edge = state.scalars(buffer, state.AT.edge, state.extent(buffer).classes + 1)
+    edge = state.vector(buffer, state.AT.edge, state.extent(buffer).classes + 1, 0)
     node_class = state.node_vector(buffer, state.AT.node_class, 0)
     weight = state.node_vector(buffer, state.AT.node_weight, 0)
     total = vectors.total(mass)
@@ -255,7 +255,9 @@ def write_bed(buffer, deck):
     first = state.scene(buffer, state.AT.scene, deck, 0)
     panels = travel.panel_count(buffer, deck)
     result.aperture = least_aperture(buffer, deck)
-    result.hold_up = state.scalars(buffer, state.AT.hold_up_work, state.extent(buffer).decks)[deck]
+    result.hold_up = state.vector(buffer, state.AT.hold_up_work, state.extent(buffer).decks, 0)[
+        deck
+    ]
     result.depth_feed = depth_at_feed(buffer, deck)
     result.depth_discharge = depth_at_discharge(buffer, deck)
     result.depth_over_aperture_feed = result.depth_feed / first.aperture
@@ -323,7 +325,6 @@ def watch_transport(buffer, deck, status, inclination, throw):
 
 @kernel
 def write_sums(buffer):
-    """Cumulative masses."""
     output = state.outputs(buffer)
     output.feed_mass = ledger_total(buffer, state.FED)
     output.undersize_mass = ledger_total(buffer, state.UNDER)
@@ -334,7 +335,6 @@ def write_sums(buffer):
 
 @kernel
 def write_streams(buffer, duration):
-    """Outputs that are means over the step."""
     output = state.outputs(buffer)
     under = state.class_vector(buffer, state.AT.undersize_fraction, 0)
     over = state.class_vector(buffer, state.AT.oversize_fraction, 0)

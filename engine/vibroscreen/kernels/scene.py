@@ -50,9 +50,11 @@ def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
     parameter, inputs = state.parameters(buffer), state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
-    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
-    work = state.scalars(buffer, state.AT.displacement_work, state.extent(buffer).displacement_work)
-    drive = state.scalars(buffer, state.AT.drive_setting, 5)
+    result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
+    work = state.vector(
+        buffer, state.AT.displacement_work, state.extent(buffer).displacement_work, 0
+    )
+    drive = state.vector(buffer, state.AT.drive_setting, 5, 0)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.motion_frequency, panel.inclination
     drive[2] = min(parameter.material_friction_deck, parameter.material_friction_internal)
@@ -75,14 +77,14 @@ def solve_displacement(buffer, deck, number):
 @kernel
 def set_transport(buffer, deck, number, scene):
     """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
-    result = state.scalars(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT)
+    result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
     if not vibrates(buffer):
         vectors.fill(result, 0.0)
     else:
         solve_displacement(buffer, deck, number)
     if result[6] == 1.0:
         place = state.panel_place(buffer, deck, number) + INCLINATION
-        friction = state.scalars(buffer, state.AT.drive_setting, 5)[2]
+        friction = state.vector(buffer, state.AT.drive_setting, 5, 0)[2]
         return refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
         place = int(buffer[state.AT.parameter]) + DISPLACEMENT_MODEL
@@ -109,13 +111,11 @@ def same_transport(buffer, deck, number):
 
 @kernel
 def new_scene(buffer, deck, number):
-    """The new scene of a panel."""
     return state.scene(buffer, state.AT.scene_now, deck, number)
 
 
 @kernel
 def copy_transport(buffer, known, scene):
-    """Take the displacement of another panel into a scene."""
     panels = state.extent(buffer).panels
     other = new_scene(buffer, known // panels, known % panels)
     scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
@@ -137,7 +137,7 @@ def stop_together(buffer, deck):
 @kernel
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: throw the bed, and scale u and w where so chosen."""
-    parameter, chosen = state.parameters(buffer), state.scalars(buffer, state.AT.closure, 2)
+    parameter, chosen = state.parameters(buffer), state.vector(buffer, state.AT.closure, 2, 0)
     aperture = state.panel(buffer, deck, number).aperture
     harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
@@ -175,7 +175,8 @@ def set_scene(buffer, deck, number, scene):
     scene.frequency, scene.amplitude = inputs.motion_frequency, inputs.motion_amplitude
     scene.throw_angle = inputs.motion_throw_angle + rotation_of(buffer, panel)
     scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
-    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck)
+    panels = panel_count(buffer, deck)
+    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck, panels)
 
 
 @kernel
@@ -203,7 +204,6 @@ def prepare_scenes(buffer, solve):
 
 @kernel
 def keep_scenes(buffer):
-    """Take the scenes in scene_now into use."""
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
             used = numbers(state.scene(buffer, state.AT.scene, deck, number))

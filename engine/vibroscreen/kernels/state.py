@@ -268,9 +268,8 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "place": ("nodes",),
         "share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
-        "stage": (10, "block"),
-        # two rows an order of extrapolation: column and its time integral
-        "trial": (2 * MAX_ORDER, "block"),
+        # and after them two rows an order of extrapolation: column and its time integral
+        "stage": (10 + 2 * MAX_ORDER, "block"),
         # many steady solutions: what is set, harmonics, and what came out, a row a design
         "design": ("designs", "setting"),
         "design_harmonic": ("designs", MAX_HARMONICS * 5),
@@ -311,7 +310,6 @@ def vector(buffer, at, size, row):
 
 @kernel
 def node_vector(buffer, at, row):
-    """Row `row` of a field of node vectors."""
     return vector(buffer, at, extent(buffer).nodes, row)
 
 
@@ -323,13 +321,11 @@ def streams(buffer, at):
 
 @kernel
 def class_vector(buffer, at, row):
-    """Row `row` of a field of class vectors."""
     return vector(buffer, at, extent(buffer).classes, row)
 
 
 @kernel
 def package_vector(buffer, at, deck):
-    """What a field holds for every package slot of a deck."""
     return vector(buffer, at, extent(buffer).packages, deck)
 
 
@@ -341,19 +337,16 @@ def extent(buffer):
 
 @kernel
 def parameters(buffer):
-    """Parameters of the screen that are one number."""
     return record(buffer, int(buffer[AT.parameter]), PARAMETER)
 
 
 @kernel
 def inputs(buffer):
-    """Inputs that are one number."""
     return record(buffer, int(buffer[AT.input]), INPUT)
 
 
 @kernel
 def outputs(buffer):
-    """Outputs that are one number."""
     return record(buffer, int(buffer[AT.output]), OUTPUT)
 
 
@@ -377,19 +370,16 @@ def alarm(buffer, place):
 
 @kernel
 def switches(buffer):
-    """What may be left out."""
     return record(buffer, int(buffer[AT.switch]), SWITCH)
 
 
 @kernel
 def counters(buffer):
-    """What was done and what was skipped."""
     return record(buffer, int(buffer[AT.counter]), COUNTER)
 
 
 @kernel
 def memory(buffer):
-    """What an instance remembers besides."""
     return record(buffer, int(buffer[AT.memory]), MEMORY)
 
 
@@ -401,25 +391,21 @@ def work(buffer):
 
 @kernel
 def step(buffer):
-    """The step of the column at hand."""
     return record(buffer, int(buffer[AT.step]), STEP)
 
 
 @kernel
 def refusal(buffer):
-    """Why a step was refused."""
     return record(buffer, int(buffer[AT.refusal]), REFUSAL)
 
 
 @kernel
 def book(buffer, deck):
-    """Book-keeping of a deck."""
     return record(buffer, int(buffer[AT.deck]) + deck * len(DECK), DECK)
 
 
 @kernel
 def scene(buffer, at, deck, panel):
-    """Scene of a panel."""
     row = deck * extent(buffer).panels + panel
     return record(buffer, int(buffer[at]) + row * len(SCENE), SCENE)
 
@@ -440,12 +426,6 @@ def panel(buffer, deck, number):
 def harmonics(buffer):
     """Further harmonics of the motion: order, along, its phase, normal, its phase."""
     return view2(buffer, int(buffer[AT.harmonic]), MAX_HARMONICS, 5)
-
-
-@kernel
-def scalars(buffer, at, size):
-    """A field of `size` numbers."""
-    return view1(buffer, int(buffer[at]), size)
 
 
 @kernel

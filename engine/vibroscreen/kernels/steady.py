@@ -10,7 +10,7 @@ from vibroscreen.compiler.language import kernel, numbers, record
 from vibroscreen.kernels import changes, checks, outputs, state, step
 from vibroscreen.kernels.bed import classes, falls, front, travel
 from vibroscreen.kernels.numerics import vectors
-from vibroscreen.kernels.numerics.layers import bed_load, restack
+from vibroscreen.kernels.numerics.layers import bed_load
 
 FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
 FREQUENCY = state.INPUT.index("motion_frequency")
@@ -30,9 +30,9 @@ def start_slice(buffer, deck):
 def place_nodes(buffer):
     """Write the nodes of the screen in the buffer, and how many there are."""
     extent, parameter = state.extent(buffer), state.parameters(buffer)
-    strength = state.scalars(buffer, state.AT.strength, 2)
+    strength = state.vector(buffer, state.AT.strength, 2, 0)
     panels = extent.decks * extent.panels
-    apertures = state.scalars(buffer, state.AT.apertures, panels)
+    apertures = state.vector(buffer, state.AT.apertures, panels, 0)
     count = 0
     area, reach = 0.0, 0.0
     for deck in range(extent.decks):
@@ -53,14 +53,14 @@ def place_nodes(buffer):
     classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
     room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
     extent.nodes = classes.build_nodes(
-        state.scalars(buffer, state.AT.edge, extent.classes + 1),
+        state.vector(buffer, state.AT.edge, extent.classes + 1, 0),
         apertures[:count],
         numbers(parameter),
         strength,
-        state.scalars(buffer, state.AT.size, room),
-        state.scalars(buffer, state.AT.node_class, room),
-        state.scalars(buffer, state.AT.node_position, room),
-        state.scalars(buffer, state.AT.node_weight, room),
+        state.vector(buffer, state.AT.size, room, 0),
+        state.vector(buffer, state.AT.node_class, room, 0),
+        state.vector(buffer, state.AT.node_position, room, 0),
+        state.vector(buffer, state.AT.node_weight, room, 0),
     )
 
 
@@ -102,18 +102,8 @@ def follow(buffer, deck, duration):
 @kernel
 def lay_batch(buffer, areal_mass, horizon):
     """Put a batch of `areal_mass` kg/m2 of the feed's composition on the plate."""
-    book, scene = state.book(buffer, 0), state.scene(buffer, state.AT.scene, 0, 0)
-    lead = state.column(buffer, state.AT.lead, 0)
-    fed = state.node_vector(buffer, state.AT.lead_feed, 0)
-    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
-    vectors.fill(state.node_vector(buffer, state.AT.lead_passed, 0), 0.0)
-    vectors.clear_rows(lead, 0, lead.shape[0])
-    for i in range(fed.size):
-        fed[i] = areal_mass * fraction[i]
-        lead[0, i] = fed[i]
-    scene.horizon = horizon
-    book.step, book.pace, book.wide = 0.0, 0.0, 0.0
-    book.lead_layers = restack(buffer, scene, lead, 1)
+    state.scene(buffer, state.AT.scene, 0, 0).horizon = horizon
+    front.lay_lead(buffer, 0, areal_mass)
 
 
 @kernel
@@ -154,7 +144,9 @@ def write_outputs(buffer):
         state.book(buffer, deck).covered = 1.0  # the slice is at the discharge
         front.watch_capacity(buffer, deck)
     outputs.write_streams(buffer, 1.0)
-    outputs.write_state(buffer, vectors.total(state.scalars(buffer, state.AT.hold_up_work, decks)))
+    outputs.write_state(
+        buffer, vectors.total(state.vector(buffer, state.AT.hold_up_work, decks, 0))
+    )
     outputs.read_sizes(buffer)
     for deck in range(decks):
         state.book(buffer, deck).covered = 0.0
@@ -189,8 +181,8 @@ def solve_many(buffer, count, rebuild):
     """
     # Parameters and inputs lie in a row.
     size = int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
-    setting = state.scalars(buffer, state.AT.parameter, size)
-    harmonic = state.scalars(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5)
+    setting = state.vector(buffer, state.AT.parameter, size, 0)
+    harmonic = state.vector(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5, 0)
     row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
@@ -228,7 +220,7 @@ def write_result(buffer, result):
 @kernel
 def put(buffer, at, size, result, place):
     """Copy a field of the buffer to a place of a row; returns the place behind it."""
-    vectors.copy(result[place : place + size], state.scalars(buffer, at, size))
+    vectors.copy(result[place : place + size], state.vector(buffer, at, size, 0))
     return place + size
 
 
@@ -246,7 +238,7 @@ def lay_first_cell(buffer, deck):
 def solve_decks(buffer):
     """Follow the slices of all decks to the discharge; the top one's is at the feed end."""
     decks = state.extent(buffer).decks
-    hold_up = state.scalars(buffer, state.AT.hold_up_work, decks)
+    hold_up = state.vector(buffer, state.AT.hold_up_work, decks, 0)
     for deck in range(decks):
         if deck > 0:
             lay_first_cell(buffer, deck)

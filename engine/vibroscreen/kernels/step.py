@@ -32,7 +32,7 @@ def steady_step(buffer, duration):
 def move(buffer, duration):
     """Advance the decks; the masses of the step lie in step_mass and class_mass after it."""
     decks, nodes = state.extent(buffer).decks, state.extent(buffer).nodes
-    vectors.fill(state.scalars(buffer, state.AT.step_mass, 2 * decks * nodes), 0.0)
+    vectors.fill(state.vector(buffer, state.AT.step_mass, 2 * decks * nodes, 0), 0.0)
     for deck in range(decks):
         state.book(buffer, deck).capacity_alarm = 0.0
     cascade.advance_decks(buffer, duration)

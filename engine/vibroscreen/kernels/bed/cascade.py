@@ -23,7 +23,6 @@ def covered(buffer, deck):
 
 @kernel
 def all_covered(buffer):
-    """Whether all decks are steady."""
     for deck in range(state.extent(buffer).decks):
         if not covered(buffer, deck):
             return False

@@ -50,26 +50,32 @@ def start_cohort(buffer, deck, rate):
 
     On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
     """
-    book = state.book(buffer, deck)
-    lead = state.column(buffer, state.AT.lead, deck)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    book, partial = state.book(buffer, deck), state.column(buffer, state.AT.partial, deck)
     velocity = travel.panel_velocity(buffer, deck, 0)
     load = rate / (travel.deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
-    vectors.clear_rows(lead, 0, lead.shape[0])
-    vectors.clear_rows(state.column(buffer, state.AT.partial, deck), 0, lead.shape[0])
-    for at in (state.AT.lead_passed, state.AT.partial_passed):
-        vectors.fill(state.node_vector(buffer, at, deck), 0.0)
-    for i in range(fed.size):
-        fed[i] = load * fraction[i]
-        if deck == 0:
-            lead[0, i] = fed[i]
+    vectors.clear_rows(partial, 0, partial.shape[0])
+    vectors.fill(state.node_vector(buffer, state.AT.partial_passed, deck), 0.0)
     book.share = 1.0 if deck == 0 else SHARE_BELOW
     book.cohort_on, book.cohort_fed = 1.0, rate
     book.cohort_front, book.covered = 0.0, 0.0
     book.lead_panel, book.knots, book.knot = 0.0, 0.0, 0.0
-    book.step, book.pace, book.wide, book.partial_layers = 0.0, 0.0, 0.0, 1.0
-    book.lead_layers = restack(buffer, state.scene(buffer, state.AT.scene, deck, 0), lead, 1)
+    book.partial_layers = 1.0
+    lay_lead(buffer, deck, load)
+
+
+@kernel
+def lay_lead(buffer, deck, load):
+    """Begin a leading slice of `load` kg/m2 of the feed's composition, on a lower deck empty."""
+    book, scene = state.book(buffer, deck), state.scene(buffer, state.AT.scene, deck, 0)
+    lead = state.column(buffer, state.AT.lead, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    vectors.clear_rows(lead, 0, lead.shape[0])
+    vectors.fill(state.node_vector(buffer, state.AT.lead_passed, deck), 0.0)
+    vectors.multiple(fed, load, state.node_vector(buffer, state.AT.feed_fraction, 0))
+    if deck == 0:
+        vectors.copy(state.node_vector(buffer, state.AT.lead, 0), fed)
+    book.step, book.pace, book.wide = 0.0, 0.0, 0.0
+    book.lead_layers = restack(buffer, scene, lead, 1)
 
 
 @kernel
@@ -95,7 +101,6 @@ def join_queue(buffer, deck):
 
 @kernel
 def append_piece(buffer, deck):
-    """Append the cohort's unfinished cell, or its empty stretch, to the queue."""
     book = state.book(buffer, deck)
     span = book.cohort_front
     panel = 0
@@ -149,11 +154,27 @@ def on_first_panel(buffer, deck):
 
 
 @kernel
-def record_from(buffer, deck, place):
-    """Record from a place on what passes of the leading slice, for the deck below."""
-    work, decks = state.work(buffer), state.extent(buffer).decks
-    work.recorded = deck + 1.0 if deck + 1 < decks else 0.0
+def integrate_lead(buffer, deck, place, duration):
+    """Let the leading slice go through `duration` s from a place on.
+
+    What passes is recorded for the deck below.
+    """
+    work, book = state.work(buffer), state.book(buffer, deck)
+    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
+    lead = state.column(buffer, state.AT.lead, deck)
+    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    layers = book.lead_layers
+    work.recorded = deck + 1.0 if deck + 1 < state.extent(buffer).decks else 0.0
     work.recorded_from = place
+    if work.source_terms == 0.0 and bed_load(lead, layers) == 0.0:
+        integrate.clear_sums(buffer, layers)
+        book.rows = layers
+        if work.recorded > 0:
+            velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
+            knots.record_nothing(buffer, place, place + velocity * duration)
+    else:
+        book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration)
+    work.source_terms, work.recorded = 0.0, 0.0
 
 
 @kernel
@@ -163,10 +184,7 @@ def advance_lead(buffer, deck, duration):
     lead_passed is what passed of the slice, as areal mass on the first panel [kg/m2]. With it the
     cohort behind the slice passes width x v x lead_passed [kg/s] at any moment.
     """
-    book, work = state.book(buffer, deck), state.work(buffer)
-    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
-    lead = state.column(buffer, state.AT.lead, deck)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    book = state.book(buffer, deck)
     velocity, _ = on_first_panel(buffer, deck)
     left = duration
     while left > 0.0:
@@ -174,16 +192,7 @@ def advance_lead(buffer, deck, duration):
         place = travel.place_after(buffer, deck, book.cohort_front + (duration - left))
         if deck > 0:
             step = min(left, knots.lead_source(buffer, deck, place, velocity))
-        before = book.lead_layers
-        record_from(buffer, deck, place)
-        if work.source_terms == 0.0 and bed_load(lead, before) == 0.0:
-            integrate.clear_sums(buffer, before)
-            book.rows = before
-            if work.recorded > 0:
-                knots.record_nothing(buffer, place, place + velocity * step)
-        else:
-            book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, before, step)
-        work.source_terms, work.recorded = 0.0, 0.0
+        integrate_lead(buffer, deck, place, step)
         book_lead(buffer, deck, step)
         left -= step
 
@@ -278,15 +287,10 @@ def advance_over_cells(buffer, deck, duration):
     book = state.book(buffer, deck)
     before = book.cells
     taken, finished = cells_ahead(buffer, deck, duration)
-    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
-    lead = state.column(buffer, state.AT.lead, deck)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
-    record_from(buffer, deck, travel.place_after(buffer, deck, book.cohort_front))
-    layers = book.lead_layers
-    book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, taken)
-    state.work(buffer).recorded = 0.0
+    place = travel.place_after(buffer, deck, book.cohort_front)
+    integrate_lead(buffer, deck, place, taken)
     parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0
@@ -397,7 +401,6 @@ def stream_of_covered_deck(buffer, deck, duration):
 
 @kernel
 def time_to_cover(buffer, deck):
-    """Time until the cohort covers the deck, s."""
     return travel.residence_time(buffer, deck) - state.book(buffer, deck).cohort_front
 
 

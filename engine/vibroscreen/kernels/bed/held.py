@@ -31,12 +31,6 @@ def held_by_node(buffer, deck, held):
 
 
 @kernel
-def package_load(buffer, deck, place):
-    """Areal mass of a package of the queue, kg/m2."""
-    return package.load_of(buffer, deck, package.slot_at(buffer, deck, place))
-
-
-@kernel
 def depth_at_feed(buffer, deck):
     """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
     book = state.book(buffer, deck)
@@ -49,12 +43,14 @@ def depth_at_feed(buffer, deck):
     if book.cells > 0.0:
         first = int(state.package_vector(buffer, state.AT.cell, deck)[0])
         return package.load_of(buffer, deck, first) / density
-    return package_load(buffer, deck, book.packages - 1) / density if book.packages > 0 else 0.0
+    if book.packages == 0:
+        return 0.0
+    last = package.slot_at(buffer, deck, book.packages - 1)
+    return package.load_of(buffer, deck, last) / density
 
 
 @kernel
 def depth_at_discharge(buffer, deck):
-    """Depth of the bed at the discharge end, m."""
     book = state.book(buffer, deck)
     density = state.scene(buffer, state.AT.scene, deck, 0).density
     if book.covered > 0.0:
@@ -69,8 +65,8 @@ def depth_at_discharge(buffer, deck):
     end = travel.deck_length(buffer, deck)
     if travel.conveys(buffer, deck):
         end = travel.residence_time(buffer, deck)
-    slack = 1e-9 * end
+    slack, first = 1e-9 * end, package.slot_at(buffer, deck, 0)
     if travel.panel_count(buffer, deck) > 1:
         # Where panels change their velocities, packages across their ends get longer or shorter.
-        slack += 0.5 * package.span_of(buffer, deck, package.slot_at(buffer, deck, 0))
-    return package_load(buffer, deck, 0) / density if front >= end - slack else 0.0
+        slack += 0.5 * package.span_of(buffer, deck, first)
+    return package.load_of(buffer, deck, first) / density if front >= end - slack else 0.0

@@ -18,7 +18,6 @@ SAME_PLACE = 1e-12
 
 @kernel
 def knot_vector(buffer, at, deck, knot):
-    """What a field holds of a knot, by node."""
     return state.node_vector(buffer, at, deck * state.extent(buffer).knots + knot)
 
 
@@ -63,7 +62,6 @@ def record_knot(buffer, place):
 
 @kernel
 def record_nothing(buffer, start, stop):
-    """Add the knots of a stretch on which nothing passes."""
     for row in range(2):
         vectors.fill(state.node_vector(buffer, state.AT.record, row), 0.0)
     record_knot(buffer, start)

@@ -72,7 +72,6 @@ def scene_of(buffer, deck, index):
 
 @kernel
 def velocity_of(buffer, deck, index):
-    """Velocity of a package, m/s."""
     return travel.panel_velocity(buffer, deck, panel_of(buffer, deck, index))
 
 
@@ -86,7 +85,6 @@ def span_of(buffer, deck, index):
 
 @kernel
 def settle(buffer, deck, index, layers):
-    """Restack a package that has so many layers."""
     load = column_of(buffer, deck, index)
     used = state.package_vector(buffer, state.AT.layers_used, deck)
     used[index] = restack(buffer, scene_of(buffer, deck, index), load, layers)
@@ -103,7 +101,6 @@ def bed_capacity(buffer, deck):
 
 @kernel
 def free_slots(buffer, deck):
-    """Number of package slots that nobody uses."""
     book = state.book(buffer, deck)
     return int(state.extent(buffer).packages - book.packages - book.cells - book.leaders)
 
@@ -140,7 +137,6 @@ def keep_pace(book, pace):
 
 @kernel
 def use_pace(book, pace):
-    """Go on with remembered steps and order."""
     book.step, book.order, book.pace, book.wide = pace[0], pace[1], pace[2], pace[3]
 
 
@@ -151,7 +147,6 @@ def slot_at(buffer, deck, place):
 
 @kernel
 def join_back(buffer, deck, index):
-    """Put a package behind the last one of the queue."""
     book = state.book(buffer, deck)
     state.package_vector(buffer, state.AT.queue, deck)[book.packages] = index
     book.packages += 1
@@ -243,7 +238,6 @@ def alike(buffer, deck, one, two):
 # --- closed cohorts ------------------------------------------------------------------------------
 @kernel
 def leader_at(buffer, deck, place):
-    """What `leader` says of the package at a place of the queue."""
     return state.package_vector(buffer, state.AT.leader, deck)[slot_at(buffer, deck, place)]
 
 

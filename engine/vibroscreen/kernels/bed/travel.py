@@ -15,13 +15,11 @@ def panel_count(buffer, deck):
 
 @kernel
 def deck_width(buffer, deck):
-    """Width of a deck, m."""
     return state.vector(buffer, state.AT.width, state.extent(buffer).decks, 0)[deck]
 
 
 @kernel
 def deck_length(buffer, deck):
-    """Length of a deck, m."""
     length = 0.0
     for panel in range(panel_count(buffer, deck)):
         length += state.panel(buffer, deck, panel).length
@@ -30,32 +28,27 @@ def deck_length(buffer, deck):
 
 @kernel
 def panel_velocity(buffer, deck, panel):
-    """Velocity of the bed on a panel, m/s."""
     return state.scene(buffer, state.AT.scene, deck, panel).transport_velocity
 
 
 @kernel
 def conveys(buffer, deck):
-    """Whether the bed moves along a deck."""
     return panel_velocity(buffer, deck, 0) > 0.0
 
 
 @kernel
 def panel_end_time(buffer, deck, panel):
     """Riding time at the end of a panel, s."""
-    time = 0.0
-    for k in range(panel + 1):
-        time += state.panel(buffer, deck, k).length / panel_velocity(buffer, deck, k)
-    return time
+    return riding_time_over(buffer, state.AT.scene, deck, panel + 1)
 
 
 @kernel
-def riding_time_over(buffer, at, deck):
-    """Riding time at the discharge with the scenes of field `at`, s; 0 where it does not convey."""
+def riding_time_over(buffer, at, deck, panels):
+    """Riding time over the first panels in the scenes of field `at`, s; 0: it does not convey."""
     time = 0.0
     if state.scene(buffer, at, deck, 0).transport_velocity <= 0.0:
         return time
-    for k in range(panel_count(buffer, deck)):
+    for k in range(panels):
         velocity = state.scene(buffer, at, deck, k).transport_velocity
         time += state.panel(buffer, deck, k).length / velocity
     return time
@@ -64,7 +57,7 @@ def riding_time_over(buffer, at, deck):
 @kernel
 def residence_time(buffer, deck):
     """Riding time at the discharge, s; 0 where the deck does not convey."""
-    return riding_time_over(buffer, state.AT.scene, deck)
+    return panel_end_time(buffer, deck, panel_count(buffer, deck) - 1)
 
 
 @kernel
@@ -124,7 +117,6 @@ def cell_length(buffer, deck, panel):
 
 @kernel
 def cell_panel(buffer, deck, cell):
-    """Panel on which a cell lies."""
     panel = 0
     first = panel_cells(buffer, deck, 0)
     while cell >= first and panel + 1 < panel_count(buffer, deck):

@@ -1,19 +1,21 @@
-"""Columns as the schemes hold them: of the sizes that take part, in blocks of `stage` and `trial`.
+"""Columns as the schemes hold them: of the sizes that take part, in blocks of `stage`.
 
 A block is what passed, the loads of the layers, and the composition of the top one in the row above
-it, as vectors over the sizes that take part, a multiple of four: `stage` and `trial` give it as one
-vector, stage_passed and stage_load[layer, size] (and those of trial) its parts.
+it, as vectors over the sizes that take part, a multiple of four: `stage` gives it as one vector,
+stage_passed and stage_load[layer, size] its parts.
 """
 
 from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
 from vibroscreen.compiler.language import kernel, view1, view2
 from vibroscreen.kernels import state
 
-# Blocks of `stage`: the column, the column at a stage, the rates at the stages, time integrals.
+# Blocks: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
-# Blocks of `trial` while rates are found: loads at the faces of the layers. While a step is taken:
-# its errors; between steps the column or its time integral over a part.
-LOWER, UPPER, OF_PART = 0, 1, 2
+# Trials of the implicit scheme. In their place while rates are found: loads at the faces of the
+# layers. While a step is taken: its errors; between steps the column or its time integral over a
+# part.
+TRIAL = 10
+LOWER, UPPER, OF_PART = TRIAL, TRIAL + 1, TRIAL + 2
 
 
 @kernel
@@ -28,50 +30,34 @@ def active_column(buffer, at):
 
 
 @kernel
-def _start(buffer, at, index):
+def _start(buffer, index):
     rows = state.extent(buffer).layers + 2
-    return int(buffer[at]) + index * rows * in_fours(state.extent(buffer).nodes)
-
-
-@kernel
-def _whole(buffer, at, index):
-    extent = state.extent(buffer)
-    return view1(buffer, _start(buffer, at, index), (extent.layers + 2) * state.work(buffer).active)
-
-
-@kernel
-def _passed(buffer, at, index):
-    return view1(buffer, _start(buffer, at, index), state.work(buffer).active)
-
-
-@kernel
-def _load(buffer, at, index):
-    extent = state.extent(buffer)
-    active = state.work(buffer).active
-    return view2(buffer, _start(buffer, at, index) + active, extent.layers, active)
+    return int(buffer[state.AT.stage]) + index * rows * in_fours(state.extent(buffer).nodes)
 
 
 @kernel
 def stage(buffer, index):
-    return _whole(buffer, state.AT.stage, index)
+    rows = state.extent(buffer).layers + 2
+    return view1(buffer, _start(buffer, index), rows * state.work(buffer).active)
 
 
 @kernel
 def stage_passed(buffer, index):
-    return _passed(buffer, state.AT.stage, index)
+    return view1(buffer, _start(buffer, index), state.work(buffer).active)
 
 
 @kernel
 def stage_load(buffer, index):
-    """Loads of a block of `stage` [layer, active size]."""
-    return _load(buffer, state.AT.stage, index)
+    """Loads of a block [layer, active size]."""
+    active = state.work(buffer).active
+    return view2(buffer, _start(buffer, index) + active, state.extent(buffer).layers, active)
 
 
 @kernel
 def stage_share(buffer, index, layers):
-    """Mass fractions of the top one of `layers` layers in a block of `stage` [1, active size]."""
+    """Mass fractions of the top one of `layers` layers in a block [1, active size]."""
     active = state.work(buffer).active
-    return view2(buffer, _start(buffer, state.AT.stage, index) + (layers + 1) * active, 1, active)
+    return view2(buffer, _start(buffer, index) + (layers + 1) * active, 1, active)
 
 
 @kernel
@@ -98,21 +84,6 @@ def follows_share(buffer, layers):
 def rows_followed(buffer, layers):
     """Length of the part of a block that a scheme advances."""
     return (layers + (2 if follows_share(buffer, layers) else 1)) * state.work(buffer).active
-
-
-@kernel
-def trial(buffer, index):
-    return _whole(buffer, state.AT.trial, index)
-
-
-@kernel
-def trial_passed(buffer, index):
-    return _passed(buffer, state.AT.trial, index)
-
-
-@kernel
-def trial_load(buffer, index):
-    return _load(buffer, state.AT.trial, index)
 
 
 @kernel

@@ -78,11 +78,8 @@ def gather(buffer, scene, load, reference, layers):
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * state.parameters(buffer).solver_tolerance
     coarse = first_coarse(buffer, scene, load, layers)
-    for i in range(held.size):
-        held[i] = load[0, i]
-    for j in range(1, layers):
-        for i in range(held.size):
-            held[i] += load[j, i]
+    vectors.fill(held, 0.0)
+    vectors.add_rows(held, 1.0, load, layers)
     count = 0
     for i in range(coarse):
         if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.aperture:
@@ -170,12 +167,7 @@ def fill_block(buffer, load, reference, layers):
         gather_row(place, straight, source, k, landing, k)
     rows = blocks.stage_load(buffer, blocks.NOW)
     for j in range(layers):
-        for i in range(straight):
-            rows[j, i] = load[j, i]
-        for i in range(straight, place.size):
-            n = int(place[i])
-            if n >= 0:
-                rows[j, n] += load[j, i]
+        gather_row(place, straight, load, j, rows, j)
 
 
 @kernel
@@ -208,16 +200,9 @@ def scatter(buffer, load, layers, rows, elapsed):
         if n >= 0:
             passed[i] += share[i] * gone[n]
             passed_time[i] += share[i] * gone_time[n]
-    now = blocks.stage_load(buffer, blocks.NOW)
     straight = places_kept(place)
-    for j in range(layers):
-        for i in range(straight):
-            load[j, i] = share[i] * now[j, i]
-        for i in range(straight, place.size):
-            n = int(place[i])
-            if n >= 0:
-                load[j, i] = share[i] * now[j, n]
-    vectors.clear_rows(load, layers, rows)
+    vectors.clear_rows(load, 0, rows)
+    add_spread(buffer, straight, load, blocks.stage_load(buffer, blocks.NOW), layers)
     time = state.column(buffer, state.AT.column_time, 0)
     add_spread(buffer, straight, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 

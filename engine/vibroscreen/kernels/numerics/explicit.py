@@ -17,7 +17,7 @@ def embedded_error(buffer, h, layers, stage, weight):
     k1, k2 = blocks.stage(buffer, blocks.K1), blocks.stage(buffer, stage[0])
     k3, k4 = blocks.stage(buffer, stage[1]), blocks.stage(buffer, stage[2])
     k5, k6 = blocks.stage(buffer, stage[3]), blocks.stage(buffer, blocks.K7)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     h1, h2, h3 = h * weight[0], h * weight[1], h * weight[2]
     h4, h5, h6 = h * weight[3], h * weight[4], h * weight[5]
     for i in range(0, (layers + 1) * state.work(buffer).active, 4):
@@ -35,7 +35,7 @@ def worst_error(buffer, layers):
     """
     nodes = state.work(buffer).active
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     face, worst = 2.0 / layers, all_four(0.0)
     for i in range(0, nodes, 4):
         moved = four(out, i)
@@ -66,7 +66,7 @@ def take_explicit(buffer, layers, last_rates):
 def third_order_error(buffer, h, layers):
     """What a step of order 2 leaves out, from values and rates at both ends (as a part of feed)."""
     y, new, k1, k7 = blocks.step_ends(buffer)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     for i in range(0, (layers + 1) * state.work(buffer).active, 4):
         rates = 0.4 * h * (four(k1, i) + four(k7, i))
         put_four(out, i, 0.8 * (four(y, i) - four(new, i)) + rates)

@@ -51,9 +51,12 @@ def basic_step(buffer, scene, k, layers, h, moment):
     Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
     layers after it.
     """
-    load = blocks.trial_load(buffer, 2 * k)
-    passed = blocks.trial_passed(buffer, 2 * k)
-    column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
+    load = blocks.stage_load(buffer, blocks.TRIAL + 2 * k)
+    passed = blocks.stage_passed(buffer, blocks.TRIAL + 2 * k)
+    column, time = (
+        blocks.stage(buffer, blocks.TRIAL + 2 * k),
+        blocks.stage(buffer, blocks.TRIAL + 2 * k + 1),
+    )
     rate = blocks.active_vector(buffer, state.AT.node_work, 0)
     contact = blocks.active_vector(buffer, state.AT.node_work, 1)
     stay = blocks.active_vector(buffer, state.AT.node_work, 3)
@@ -84,7 +87,10 @@ def basic_step(buffer, scene, k, layers, h, moment):
 def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = blocks.stage(buffer, blocks.NOW)
-    column, time = blocks.trial(buffer, 2 * k), blocks.trial(buffer, 2 * k + 1)
+    column, time = (
+        blocks.stage(buffer, blocks.TRIAL + 2 * k),
+        blocks.stage(buffer, blocks.TRIAL + 2 * k + 1),
+    )
     nodes = state.work(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
@@ -120,8 +126,8 @@ def extrapolate(buffer, k, rows):
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
-            better = blocks.trial(buffer, 2 * (k - level + 1) + part)
-            coarse = blocks.trial(buffer, 2 * (k - level) + part)
+            better = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level + 1) + part)
+            coarse = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level) + part)
             for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
@@ -129,9 +135,12 @@ def extrapolate(buffer, k, rows):
 @kernel
 def step_error(buffer, rows):
     """Largest difference of the two best extrapolations as a part of what was fed of a size."""
-    flux = blocks.trial_passed(buffer, 0)
-    coarse_flux = blocks.trial_passed(buffer, 2)
-    load, coarse_load = blocks.trial_load(buffer, 0), blocks.trial_load(buffer, 2)
+    flux = blocks.stage_passed(buffer, blocks.TRIAL)
+    coarse_flux = blocks.stage_passed(buffer, blocks.TRIAL + 2)
+    load, coarse_load = (
+        blocks.stage_load(buffer, blocks.TRIAL),
+        blocks.stage_load(buffer, blocks.TRIAL + 2),
+    )
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
     worst = 0.0
     for i in range(weight.size):
@@ -167,7 +176,6 @@ def carry_debts(flux, load, rows):
 
 @kernel
 def pay_integral(buffer, rows):
-    """Pay the debts of the time integrals, if there are any."""
     total = blocks.stage(buffer, blocks.INTEGRAL)
     debts = 0
     for i in range((rows + 1) * state.work(buffer).active):
@@ -183,10 +191,16 @@ def take_implicit(buffer, scene, rows, h):
     """Take trial 0 as the state after h and add its sums; returns the layers."""
     size = (rows + 1) * state.work(buffer).active
     now, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
-    best, time = blocks.trial(buffer, 0), blocks.trial(buffer, 1)
+    best, time = blocks.stage(buffer, blocks.TRIAL), blocks.stage(buffer, blocks.TRIAL + 1)
     gone = state.work(buffer).active
-    carry_debts(blocks.trial_passed(buffer, 0), blocks.trial_load(buffer, 0), rows)
-    carry_debts(blocks.trial_passed(buffer, 1), blocks.trial_load(buffer, 1), rows)
+    carry_debts(
+        blocks.stage_passed(buffer, blocks.TRIAL), blocks.stage_load(buffer, blocks.TRIAL), rows
+    )
+    carry_debts(
+        blocks.stage_passed(buffer, blocks.TRIAL + 1),
+        blocks.stage_load(buffer, blocks.TRIAL + 1),
+        rows,
+    )
     for i in range(gone):
         total[i] += h * now[i] + time[i]
         now[i] += best[i]

@@ -29,7 +29,6 @@ STIFF = 30000.0
 
 @kernel
 def clear_sums(buffer, rows):
-    """Zero the sums of `integrate` in `rows` layers."""
     for row in range(2):
         vectors.fill(state.node_vector(buffer, state.AT.column_flux, row), 0.0)
     vectors.clear_rows(state.column(buffer, state.AT.column_time, 0), 0, rows)

@@ -4,7 +4,7 @@ from math import sqrt
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks
+from vibroscreen.kernels.numerics import blocks, vectors
 from vibroscreen.kernels.physics.layer import layer_mass
 
 # A step that ends where a layer runs out (or is filled) may miss it by this part of a full one.
@@ -115,18 +115,16 @@ def over_allowed(buffer, scene, book, layers, h, growth):
 def settle_top(buffer, scene, layers, growth):
     """Close a top layer that has run out, open one above a full one; returns the layers."""
     load = blocks.stage_load(buffer, blocks.NOW)
-    nodes = load.shape[1]
     full = scene.layer_full if layers > 1 else scene.contact_load
     mass = layer_mass(load, layers - 1)
     if layers > 1 and growth < 0.0 and mass <= miss_of(buffer, layers, growth) * full:
-        for i in range(nodes):
+        for i in range(load.shape[1]):
             load[layers - 2, i] += load[layers - 1, i]
             load[layers - 1, i] = 0.0
         return layers - 1
     open_next = state.extent(buffer).layered > 0.0 and growth > 0.0 and layers < load.shape[0]
     if open_next and mass >= (1.0 - LANDING) * full:
-        for i in range(nodes):
-            load[layers, i] = 0.0
+        vectors.clear_rows(load, layers, layers + 1)
         return layers + 1
     return layers
 

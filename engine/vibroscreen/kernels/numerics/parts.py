@@ -41,9 +41,9 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
         a, b = max(0.0, (begin - moment) / h), min(taken, end - moment) / h
         if b > a:
             within.integral_in_step(buffer, layers, h, a, b, scheme)
-            held = blocks.trial_load(buffer, blocks.OF_PART)
+            held = blocks.stage_load(buffer, blocks.OF_PART)
             if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
-                implicit.carry_debts(blocks.trial_passed(buffer, blocks.OF_PART), held, layers)
+                implicit.carry_debts(blocks.stage_passed(buffer, blocks.OF_PART), held, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return
@@ -58,7 +58,7 @@ def add_integral_to_part(buffer, rows, h, moment):
     if moment < work.parts_from:
         return
     before, total = blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     for i in range((rows + 1) * work.active):
         out[i] = total[i] - before[i]
     give_to_part(buffer, rows, h)
@@ -74,7 +74,7 @@ def give_to_part(buffer, rows, duration):
     passed = state.node_vector(buffer, state.AT.part_passed, part)
     place, share = column.places(buffer)
     flux = state.node_vector(buffer, state.AT.column_flux, 0)
-    gone = blocks.trial_passed(buffer, blocks.OF_PART)
+    gone = blocks.stage_passed(buffer, blocks.OF_PART)
     for i in range(passed.size):
         n = int(place[i])
         if n == i:
@@ -83,4 +83,4 @@ def give_to_part(buffer, rows, duration):
             passed[i] += duration * flux[i]
             passed[i] += share[i] * gone[n] if n >= 0 else 0.0
     straight = column.places_kept(place)
-    column.add_spread(buffer, straight, load, blocks.trial_load(buffer, blocks.OF_PART), rows)
+    column.add_spread(buffer, straight, load, blocks.stage_load(buffer, blocks.OF_PART), rows)

@@ -45,8 +45,8 @@ def faces(buffer, load, layers):
     """
     if layers <= 2 or not reconstructed(buffer):
         return load, load
-    lower = blocks.trial_load(buffer, blocks.LOWER)
-    upper = blocks.trial_load(buffer, blocks.UPPER)
+    lower = blocks.stage_load(buffer, blocks.LOWER)
+    upper = blocks.stage_load(buffer, blocks.UPPER)
     nodes = load.shape[1]
     for i in range(nodes):
         lower[0, i] = upper[0, i] = load[0, i]

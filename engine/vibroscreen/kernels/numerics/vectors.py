@@ -47,7 +47,6 @@ def total(x):
 
 @kernel
 def clear_rows(load, start, stop):
-    """Zero the rows from `start` up to `stop`."""
     for j in range(start, stop):
         for i in range(load.shape[1]):
             load[j, i] = 0.0
@@ -62,7 +61,6 @@ def copy_rows(to, load, rows):
 
 @kernel
 def add_rows(to, factor, load, rows):
-    """Add factor times each of the first rows of a column to a vector."""
     for j in range(rows):
         for i in range(to.size):
             to[i] += factor * load[j, i]

@@ -39,7 +39,7 @@ def integral_in_step(buffer, layers, h, a, b, scheme):
 def combine_step(buffer, layers, h, start, whole, near, bend, more):
     """Sum of the terms of the polynomial of a step with these weights, into block OF_PART."""
     y, new, k1, k7 = blocks.step_ends(buffer)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     size = (layers + 1) * state.work(buffer).active
     gd, g1, g7 = whole - near + 2.0 * bend, h * (near - bend), -h * bend
     for i in range(0, size, 4):
@@ -57,7 +57,6 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
 
 @kernel
 def top_of(buffer, index, layers):
-    """Mass of the top layer in a block of `stage`, or its rate."""
     return layer_mass(blocks.stage_load(buffer, index), layers - 1)
 
 
@@ -93,7 +92,7 @@ def part_to_kink(buffer, layers, h, scheme, change):
 def land_in_step(buffer, layers, h, t, scheme):
     """End a step that is not yet taken at its part t: its column and time integral."""
     total, staged = blocks.stage(buffer, blocks.INTEGRAL), blocks.stage(buffer, blocks.STAGED)
-    out = blocks.trial(buffer, blocks.OF_PART)
+    out = blocks.stage(buffer, blocks.OF_PART)
     size = (layers + 1) * state.work(buffer).active
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
     for i in range(0, size, 4):

@@ -145,7 +145,6 @@ def _bracket_law(work, law):
 
 @kernel
 def _node_count(work):
-    """Nodes per period among which roots are bracketed."""
     order = work[motion.ORDER]
     return NODES_FUNDAMENTAL if order == 1.0 else int(NODES_PER_ORDER * order)
 
