@@ -46,7 +46,7 @@ from vibroscreen.kernels.physics.closure import (
     percolation_factor,
 )
 from vibroscreen.kernels.physics.motion import GRAVITY
-from vibroscreen.motion import Motion, transport_velocity
+from vibroscreen.motion import Motion, conveying_regime, transport_velocity
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sweep import SteadyTable
@@ -624,6 +624,7 @@ def try_powers(loads: Array, powers: tuple[float, float]) -> dict[str, float]:
 def motions() -> pd.DataFrame:
     """What the closure makes of the default motion and of that by aperture, and how beds ride."""
     default = ScreenConfig.default()
+    friction = default.material.friction_base
     rows = []
     for aperture, stroke in zip(APERTURES, STROKES, strict=True):
         usual = usual_motion(stroke * MM)
@@ -633,11 +634,10 @@ def motions() -> pd.DataFrame:
             harmonic = np.array([[1.0, 0.0, size * math.cos(b), 0.0, size * math.sin(b)]])
             speed = peak_normal_velocity(harmonic, motion.frequency)
             row[f"V/sqrt(ga) {name}"] = speed / math.sqrt(GRAVITY * aperture)
-            row[f"on u {name}"] = passage_factor(harmonic, motion.frequency, aperture)
-            depth = RECOMMENDED.depth * aperture
-            row[f"on w {name}"] = percolation_factor(harmonic, motion.frequency, depth)
+            throw = conveying_regime(motion, INCLINATION, friction, "bed").throw_number
+            row[f"on u {name}"] = passage_factor(harmonic, motion.frequency, aperture, throw)
+            row[f"on w {name}"] = percolation_factor(harmonic, motion.frequency, throw)
         row["stroke mm"], row["1/min"] = stroke, 60.0 * usual.frequency
-        friction = default.material.friction_base
         row["v m/s"] = transport_velocity(usual, INCLINATION, friction, "bed")
         rows.append(row)
     return pd.DataFrame(rows).set_index("aperture mm")

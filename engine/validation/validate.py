@@ -16,6 +16,7 @@ import bed_velocity
 import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
+import practice_curves
 import survey_planning
 import typical_practice
 from evidence import PICTURES, REPORT, Section
@@ -34,6 +35,7 @@ SECTIONS: tuple[Section, ...] = (
     survey_planning.SECTION,
     bed_velocity.SECTION,
     *dem_calibration.SECTIONS,
+    practice_curves.SECTION,
     engineering_rules.SECTION,
     typical_practice.SECTION,
 )

@@ -293,16 +293,13 @@ class Passage:
 
     velocity: a constant; velocity_table: rows (aperture m, velocity m/s) instead of it,
     interpolated linearly. Give one of them. closure: "none", or "vibration" for a velocity that
-    follows from the vibration; `velocity` is then that of a loose bed (MODEL.md, "Closures in the
-    vibration"). Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass (Gaudin), 1
-    where the rim guides all grains in whose centre is over the opening; passing_time for which a
-    grain takes up an opening, over sqrt(aperture/g); drift, how much of its size a grain must sink
-    to be held by the opening while the bed rides on, at sqrt(g aperture); damping of the tries by a
-    bed as deep as the aperture; lift, how high the bed is thrown over V^2/(2 g); stirring, by which
-    a bed that rides on at sqrt(g aperture) holds and crowds its grains less; calming, by how much
-    less a bed as deep as the contact layer is thrown; depletion, how short a bed as deep as the
-    aperture runs of passing grains at the deck where they pass as fast as it is thrown; levelling,
-    by how much less a bed as deep as the contact layer damps.
+    follows from the vibration; `velocity` is then that of a fully loose bed that is hardly thrown
+    (MODEL.md, "Closures in the vibration"). With the law `bounce` it is that of a bed four
+    apertures deep. Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass
+    (Gaudin), 1 where the rim guides all grains in whose centre is over the opening; crowding, how
+    much grains that try the same opening hinder each other; drift, by how much of an aperture the
+    bed carries a sinking grain on, at sqrt(g aperture); levelling, aperture over the most that the
+    deck shakes of a bed; bouncing, how much higher than the deck throws a lone grain bounces.
     """
 
     law: str = said(
@@ -314,7 +311,7 @@ class Passage:
             meanings=(
                 "every grain tries an opening alone",
                 "a fine grain may pass together with another one",
-                "grains bounce, are guided by the rim and crowd in the openings",
+                "grains try at each landing, are guided by the rim and crowd in the openings",
             ),
         ),
     )
@@ -331,7 +328,7 @@ class Passage:
     )
     velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
     rim: float = number(
-        0.3,
+        0.33,
         "rim",
         at_least=0.0,
         at_most=1.0,
@@ -339,17 +336,17 @@ class Passage:
         tells=f"How far the rim of an opening guides a grain in{BOUNCE}",
         cure="0 is Gaudin, 1 guides every grain in",
     )
-    passing_time: float = number(
+    crowding: float = number(
         2.0,
-        "passing_time",
+        "crowding",
         at_least=0.0,
         at_most=100.0,
         variability="tunable",
-        tells=f"Time for which a grain takes up an opening{BOUNCE}",
+        tells=f"How grains that try the same opening hinder each other{BOUNCE}",
         cure="0 lets any number pass at once",
     )
     drift: float = number(
-        1.5,
+        0.16,
         "drift",
         at_least=0.0,
         at_most=10.0,
@@ -357,59 +354,23 @@ class Passage:
         tells=f"How the bed carries grains over the openings{BOUNCE}",
         cure="0 lets grains pass at any velocity",
     )
-    damping: float = number(
-        1.0,
-        "damping",
-        at_least=0.0,
-        at_most=100.0,
-        variability="tunable",
-        tells=f"How a deep bed keeps grains from bouncing{BOUNCE}",
-        cure="0 is for thin beds",
-    )
-    lift: float = number(
-        1.0,
-        "lift",
-        at_least=0.0,
-        at_most=100.0,
-        variability="tunable",
-        tells=f"How high the vibration throws the bed{BOUNCE}",
-        cure="0 keeps the bed on the deck",
-    )
-    stirring: float = number(
-        0.7,
-        "stirring",
-        at_least=0.0,
-        at_most=100.0,
-        variability="tunable",
-        tells=f"How riding on frees bed and openings{BOUNCE}",
-        cure="0 is for beds that do not convey",
-    )
-    calming: float = number(
-        0.0,
-        "calming",
-        at_least=0.0,
-        at_most=100.0,
-        variability="tunable",
-        tells=f"How much lower a deep bed is thrown{BOUNCE}",
-        cure="0 throws all beds alike",
-    )
-    depletion: float = number(
-        0.0,
-        "depletion",
-        at_least=0.0,
-        at_most=100.0,
-        variability="tunable",
-        tells=f"How a deep bed runs short of passing grains at the deck{BOUNCE}",
-        cure="0 renews what lies on the deck",
-    )
     levelling: float = number(
-        0.0,
+        0.2,
         "levelling",
         at_least=0.0,
         at_most=100.0,
         variability="tunable",
-        tells=f"Contact depth over the most that the deck shakes of a bed{BOUNCE}",
-        cure="0 lets all of a bed damp",
+        tells=f"Aperture over the most that the deck shakes of a bed{BOUNCE}",
+        cure="0 lets all of a bed come down",
+    )
+    bouncing: float = number(
+        10.0,
+        "bouncing",
+        at_least=0.0,
+        at_most=1000.0,
+        variability="tunable",
+        tells=f"How much higher than the deck throws a lone grain bounces{BOUNCE}",
+        cure="0 is for grains that land softly",
     )
     closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
 

@@ -28,7 +28,8 @@ def deck_config(case: pd.Series) -> ScreenConfig:
     streams = read("deck_streams").query("case == @case.name")
     feed = streams["feed_kg_s"].to_numpy()
     if case["motion"] == "circular":
-        motion = Motion.circular(case["A_m"], case["f_Hz"], "against_flow")
+        sense = "with_flow" if str(case["rotation"]).startswith("coflow") else "against_flow"
+        motion = Motion.circular(case["A_m"], case["f_Hz"], sense)
     else:
         motion = Motion.linear(case["A_m"], case["f_Hz"], case["beta_deg"] * DEG)
     config = plate(

@@ -1,30 +1,34 @@
-"""The fits: four numbers from the batches, five from batches and decks, each case left out."""
+"""The fits: four numbers by the batches, five by batches and decks; cases and kinds left out."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 
+import numpy as np
 import pandas as pd
 from rich.console import Console
 from rich.progress import Progress
 
 from plate.batches import batch_runs
-from plate.decks import deck_runs
+from plate.decks import deck_errors, deck_runs
 from plate.errors import rmse
+from plate.simulations import KINDS
+from vibroscreen import Screen
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 
 BATCH_NUMBERS = (
-    Parameter("passage.velocity", 0.05, 90.0, 1.0),
+    Parameter("passage.velocity", 0.01, 20.0, 0.25),
     Parameter("passage.rim", 0.0, 0.9, 0.3, scale="linear"),
     Parameter("segregation.velocity", 0.005, 1.0, 0.06),
     Parameter("segregation.relative_dilation", 0.01, 2.0, 0.2),
 )
-FREED = (
-    Parameter("passage.passing_time", 0.3, 10.0),
-    Parameter("passage.damping", 0.01, 30.0),
+COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 1.0, 0.2, scale="linear"))
+# What the common fit holds.
+HELD = (
+    Parameter("passage.crowding", 0.1, 20.0, 1.0),
+    Parameter("passage.levelling", 0.01, 2.0, 0.1),
 )
-FREED_DECKS = (*FREED, Parameter("passage.depletion", 0.01, 10.0))
-COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 5.0, 0.5, scale="linear"))
 
 
 def fitted(runs: list[Run], numbers: tuple[Parameter, ...], what: str) -> Calibration:
@@ -38,25 +42,60 @@ def fitted(runs: list[Run], numbers: tuple[Parameter, ...], what: str) -> Calibr
         return calibrate(runs, numbers, starts=3, progress=show)
 
 
+def all_runs() -> list[Run]:
+    """Batches, and decks at the velocities of the simulation."""
+    return batch_runs() + deck_runs(measured_velocity=True)
+
+
 @cache
 def batch_fit() -> Calibration:
-    """Four numbers from the four batches."""
+    """Four numbers from the five batches."""
     return fitted(batch_runs(), BATCH_NUMBERS, "batches")
 
 
 @cache
 def common_fit() -> Calibration:
     """Five numbers from batches and decks together."""
-    return fitted(batch_runs() + deck_runs(), COMMON_NUMBERS, "batches and decks")
+    return fitted(all_runs(), COMMON_NUMBERS, "batches and decks")
 
 
-def freed_fit(
-    calibration: Calibration, numbers: tuple[Parameter, ...]
-) -> tuple[dict[str, float], float]:
-    """Numbers and RMSE where others are fitted too."""
-    parameters = (*calibration.fit.parameters, *numbers)
-    freed = calibrate(calibration.runs, parameters, starts=1, leave_out=False)
-    return numbers_of(freed), rmse(by_run(freed)["fitted"].to_numpy())
+@cache
+def free_fit() -> Calibration:
+    """What the common fit holds, fitted too."""
+    return calibrate(all_runs(), (*COMMON_NUMBERS, *HELD), starts=3, leave_out=False)
+
+
+def run_errors(runs: Iterable[Run], values: dict[str, float]) -> dict[str, float]:
+    """RMSE of the recoveries below the aperture of each run with the given numbers."""
+    runs = list(runs)
+    decks = deck_errors([run for run in runs if run.areal_mass is None], values)["rmse"]
+    errors = {str(name): float(error) for name, error in decks.items()}
+    for run in runs:
+        if run.areal_mass is not None:
+            screen = Screen(run.config.with_values(values))
+            found = screen.sieve_batch(
+                run.areal_mass, run.config.feed.mass_fraction, times=run.times
+            )
+            errors[run.name] = rmse((found - run.recovery)[np.isfinite(run.recovery)])
+    return errors
+
+
+@cache
+def by_kind(free: bool = False) -> pd.DataFrame:
+    """RMSE on each kind of cases by a fit without them, and on each of its cases.
+
+    free: what the common fit holds is fitted too, from starts that do not know it.
+    """
+    runs, rows = all_runs(), {}
+    numbers = (*COMMON_NUMBERS, *HELD) if free else COMMON_NUMBERS
+    for kind, names in KINDS.items():
+        kept = [run for run in runs if run.name not in names]
+        left = [run for run in runs if run.name in names]
+        found = calibrate(kept, numbers, starts=3, leave_out=False)
+        errors = run_errors(left, numbers_of(found))
+        said = ", ".join(f"{name} {errors[name]:.3f}" for name in names)
+        rows[kind] = (rmse(np.array(list(errors.values()))), said)
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["rmse", "cases"])
 
 
 def numbers_of(calibration: Calibration) -> dict[str, float]:
@@ -78,9 +117,10 @@ def by_run(calibration: Calibration) -> pd.DataFrame:
 
 
 def write_plate(calibration: Calibration) -> str:
-    """The common calibration as a configuration: the base case B0 with the fitted numbers."""
-    base = next(run.config for run in calibration.runs if run.name == "B0")
-    text = calibration.configure(base).to_toml()
+    """The common calibration as a configuration: B0 with the fitted numbers, to three digits."""
+    base = next(run.config for run in deck_runs() if run.name == "B0")
+    rounded = {name: float(f"{value:.3g}") for name, value in numbers_of(calibration).items()}
+    text = base.with_values(rounded).to_toml()
     return f"""\
 # Plate of the particle simulations in engine/validation/data, one calibration for its batches and
 # decks. Written by engine/validation/dem_calibration.py. Another case needs another feed, motion

@@ -21,11 +21,9 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 
 LAYER = 4.0 * MM  # the mixing length above the contact layer, which is one coarsest grain
-PASSING_TIME = 1.7  # free fall from rest through nearly one and a half apertures
-DAMPING, LEVELLING = 4.0, 0.21  # round, chosen for deep beds: flux at 1.5 and 2 times the feed
-LIFT, CALMING = 6.3, 0.87  # by the heights of the grains, see `heights`
-STIRRING, DEPLETION = 0.75, 1.6  # round, chosen with fits of them in view
-DILATION, MIXING = 1.25 * MM, 0.007  # m, m/s: round; mixing by the growth of the height gaps
+CROWDING, LEVELLING = 2.0, 0.2  # round, chosen with fits of them in view
+BOUNCING = 10.0  # by single spheres (`isolated`); the decks and batches hardly see it
+DILATION = 1.25 * MM  # round
 FRICTION = 0.5  # of the spheres and of the plate, on which they roll: `ROLLING`
 NARROW = 0.05  # mm
 
@@ -47,18 +45,14 @@ def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066
         displacement=Displacement("bed"),
         passage=Passage(
             "bounce",
-            1.0,
-            passing_time=PASSING_TIME,
+            0.25,
+            crowding=CROWDING,
             drift=0.0,
-            damping=DAMPING,
-            lift=LIFT,
-            stirring=STIRRING,
-            calming=CALMING,
-            depletion=DEPLETION,
             levelling=LEVELLING,
+            bouncing=BOUNCING,
             closure="vibration",
         ),
-        segregation=Segregation("exchange", dilation=DILATION, mixing=MIXING, closure="vibration"),
+        segregation=Segregation("exchange", dilation=DILATION, closure="vibration"),
         bed=Bed(COARSEST, LAYER, layers=64),
         solver=Solver(1e-4),
         feed=feed,

@@ -9,7 +9,6 @@ import numpy as np
 from evidence import table
 from plate.errors import at
 from plate.fit import batch_fit, common_fit, numbers_of
-from plate.model import MIXING
 from plate.segregation import SMOOTHED, growth, height_gap
 from plate.simulations import read
 from vibroscreen.units import MM
@@ -53,14 +52,14 @@ def write_segregation(pictures: Path) -> str:
 Data: `data/dem_segregation.csv`: mean heights of 4 and 10 mm spheres (30 : 70 by mass) on a
 vibrating plate without holes at 15.625 Hz, G1 3 mm, G2 2 mm. Nothing is fitted here: the constants
 are those of the batches. The depth of the bed is not in the file: 35 mm, as in the batches, which
-agrees with the mean height. Growth of the gap over the run, mm, target 25 %:
+agrees with the mean height. Growth of the gap over the run, mm, target 25 % (missed):
 
 {table(head, rows)}
 The simulated bed starts with a gap (the floor alone makes 3 mm, the radii), so the model, which
-starts mixed, is taken from the moment it has the same gap. That w goes with the square of the
-velocity and the mixing of {MIXING:g} m/s were chosen with G1 and G2 in view; the size of w was not.
-Layers as thin as these do not mix by themselves: without mixing the gaps grow too much, by 15 to 20
-and 30 to 50 %.
+starts mixed, is taken from the moment it has the same gap. The gaps grow too much, most at the
+small stroke. Heights want percolation to go with V^2, and layers that mix; what passes wants V, and
+no mixing ([DEM decks](#dem-decks)): how a bed sorts over its height and how fines reach the deck
+are not yet one model.
 
 ![Height of the coarse spheres over the fine ones](dem_segregation.png)
 """

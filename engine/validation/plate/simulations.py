@@ -13,8 +13,29 @@ BULK_DENSITY = 0.58 * DENSITY
 COARSEST = 12.0 * MM
 DECK_LENGTH = 0.66  # m
 SEGMENT = DECK_LENGTH / 12  # m, of the records of what passes and lies along a deck
-JUDGED = ("B0", "Bh", "I10", "NEAR", "CP")
+BATCHES = ("S1", "S2", "S3", "S4", "S6")
+DECKS = ("B0", "Bh", "B15", "I10", "NEAR", "CP", "A3", "FINE", "CM")
 DRIFTING = ("B15",)  # its hold-up still grows by 5 per cent of the feed: half the weight
+JUDGED = tuple(name for name in DECKS if name not in DRIFTING)
+# Cases that are alike in what they vary: a fit without them has to say it by its law.
+KINDS = {
+    "2 mm": ("S2",),
+    "small strokes of decks and batches": ("A3", "S2"),
+    "3 mm": ("S1", "S4", "S6", "A3"),
+    "4 mm batch": ("S3",),
+    "circular with the flow": ("CM",),
+    "circular against the flow": ("CP",),
+    "circular": ("CM", "CP"),
+    "slope, linear": ("I10",),
+    "all slopes": ("I10", "CM", "CP"),
+    "fine feeds": ("FINE", "S6"),
+    "near-size": ("NEAR",),
+    "composition": ("FINE", "NEAR", "S6"),
+    "thin": ("Bh", "S4"),
+    "deep": ("B15",),
+    "depth": ("Bh", "B15", "S4"),
+    "all batches": BATCHES,
+}
 
 
 def read(name: str) -> pd.DataFrame:

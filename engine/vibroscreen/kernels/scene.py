@@ -13,8 +13,6 @@ from vibroscreen.kernels.physics.prescribed import prescribed
 from vibroscreen.kernels.physics.rigid_body import rigid_body
 
 PRESCRIBED, RIGID_BODY = 1, 2
-# A throw below this velocity, m/s, renews nothing.
-SLOWEST_THROW = 1e-9
 FIRST_OF_MOTION = state.INPUT.index("motion_frequency")
 END_OF_MOTION = state.INPUT.index("motion_ellipticity") + 1
 INCLINATION = state.PANEL.index("inclination")
@@ -138,23 +136,18 @@ def stop_together(buffer, deck):
 
 @kernel
 def close_scene(buffer, deck, number, scene):
-    """What the vibration of a panel does: lift the bed, and scale u and w where so chosen."""
-    parameter, chosen = state.parameters(buffer), state.vector(buffer, state.AT.closure, 2, 0)
-    scene.loosening, scene.lift, scene.depletion = 1.0, 0.0, 0.0
-    thrown = parameter.passage_lift + parameter.passage_depletion
-    if chosen[closure.OF_PASSAGE] + chosen[closure.OF_SEGREGATION] + thrown == 0.0:
-        return
-    panel = state.panel(buffer, deck, number)
-    harmonic = panel_motion(buffer, panel)
+    """What the vibration of a panel does: throw the bed, and scale u and w where so chosen."""
+    chosen = state.vector(buffer, state.AT.closure, 2, 0)
+    aperture = state.panel(buffer, deck, number).aperture
+    harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
-    scene.lift = parameter.passage_lift * closure.throw_height(harmonic, frequency)
-    velocity = max(SLOWEST_THROW, closure.peak_normal_velocity(harmonic, frequency))
-    scene.depletion = parameter.passage_depletion / (panel.aperture * velocity)
+    scene.throw_height = closure.throw_height(harmonic, frequency)
     if chosen[closure.OF_PASSAGE] > 0.0:
-        scene.loosening = closure.passage_factor(harmonic, frequency, panel.aperture)
-        scene.passage_velocity *= scene.loosening
+        scene.passage_velocity *= closure.passage_factor(
+            harmonic, frequency, aperture, scene.throw_number
+        )
     if chosen[closure.OF_SEGREGATION] > 0.0:
-        loose = closure.percolation_factor(harmonic, frequency, parameter.bed_contact_depth)
+        loose = closure.percolation_factor(harmonic, frequency, scene.throw_number)
         scene.segregation_velocity *= loose
         scene.mixing *= loose
 

@@ -59,7 +59,7 @@ SCENE = Record(
     "open_area",
     *(name for name, v in _LAWS.items() if v.section == "segregation"),
     *(name for name, v in _LAWS.items() if v.section == "passage"),
-    "loosening",
+    "throw_height",
     "frequency",
     "amplitude",
     "throw_angle",

@@ -18,6 +18,8 @@ TOLERANCE = 1e-4
 LAWS = ("gaudin", "pelevin", "bounce")
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 
+OF_BOUNCE = {"drift": 0.3, "crowding": 4.0, "levelling": 0.3, "bouncing": 10.0}
+
 fractions = st.lists(st.floats(0.02, 1.0), min_size=7, max_size=7)
 logs = {
     "u": st.floats(np.log(0.005), np.log(1.0)),
@@ -34,10 +36,12 @@ def screens(draw: st.DrawFn, law: str, model: str) -> ScreenConfig:
     fed = np.array(draw(fractions))
     bounced = {}
     if law == "bounce":
-        most = {"calming": 1.0, "depletion": 1.0, "levelling": 0.2}
-        bounced = {name: draw(st.sampled_from((0.0, value))) for name, value in most.items()}
+        bounced = {name: draw(st.sampled_from((0.0, most))) for name, most in OF_BOUNCE.items()}
+    # With drift a size inside a class may be the last that passes at all: the nodes that the engine
+    # chooses, by the duty, then take that edge differently.
+    nodes = (1,) if bounced.get("drift") else (0, 1)
     return ScreenConfig(
-        SizeClasses(EDGES, draw(st.sampled_from((0, 1)))),
+        SizeClasses(EDGES, draw(st.sampled_from(nodes))),
         decks=(Deck(1.5, (Panel(3.0, 0.0, APERTURE, 0.5),)),),
         displacement=Displacement("prescribed", draw(st.floats(0.1, 0.5))),
         passage=Passage(law, number["u"], **bounced),
@@ -61,20 +65,24 @@ def test_recovery_is_monotone(law: str, model: str) -> None:
     """More feed: lower. A longer deck, a wider open area: higher. Near-size: last of all.
 
     The undersize recovery, and on one screen the recovery of every class against the finer ones;
-    what the solver's tolerance allows is allowed, twice as both sides may err. One exception is the
-    laws' own: under Pelevin a grain passes more easily beside finer ones, and under bounce what lies
-    on the finer ones keeps them at the deck; a sorted bed that gets deeper than the contact layer
-    puts finer ones there.
+    what the solver's tolerance allows is allowed, twice as both sides may err. Two exceptions are
+    the laws' own. Under Pelevin a grain passes more easily beside finer ones; a sorted bed that
+    gets deeper than the contact layer puts finer ones there. And under bounce grains of a deck that
+    is not covered bounce on: there a screen recovers the more, the more is fed, as in practice. So
+    more feed is held to lower the recovery only of beds that land softly (bouncing 0).
     """
     sorts = model in ("classified", "proportional")
-    gained = {"pelevin": 5e-3, "bounce": 2e-2}.get(law, 0.0) if sorts else 0.0
+    gained = 5e-3 if sorts and law == "pelevin" else 0.0
 
     @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
     @given(screens(law, model))
     def check(config: ScreenConfig) -> None:
         finer = np.array(EDGES[1:]) <= APERTURE
         fed = np.array(config.feed.mass_fraction)[finer]
+        bounces = law == "bounce" and config.passage.bouncing > 0.0
         for name, (factors, sign) in VARIED.items():
+            if bounces and name == "feed.mass_flow_rate":
+                continue
             value = 1.0 if name.endswith("open_area") else config.value_of(name)
             table = solve_steady_many(config, {name: value * factors})
             total = table.recovery[:, finer] @ fed / fed.sum()

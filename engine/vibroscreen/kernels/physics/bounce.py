@@ -1,55 +1,43 @@
-"""Passage by many tries: grains of a thrown bed bounce until they fall (MODEL.md, "Bounce")."""
+"""Passage by many tries: grains try at each landing of a thrown bed (MODEL.md, "Bounce")."""
 
 from math import sqrt
 
 from vibroscreen.compiler.language import kernel
-from vibroscreen.kernels.physics import gaudin, motion
-
-SOLIDS = 0.58  # volume of the grains over that of the bed: spheres poured loosely
-_PER_VOLUME = SOLIDS * 6.0 / 3.141592653589793  # grains of size d in a volume: this over d^3
+from vibroscreen.kernels.physics import closure, gaudin, motion
 
 
 @kernel
 def bounce(size, fraction, scene, probability):
-    """Grains that bounce: guided by the rim, carried on, crowded in the openings, held and thrown.
+    """Grains try at each landing of the bed, are carried on while they sink, and crowd each other.
 
-    P_i = phi G_i/(E (1 + N_i) (1 + B)), H = depth of the bed, H_c = max(H, h_c),
-    H_b = H/sqrt(1 + (levelling H/h_c)^2), what the deck shakes of it,
-    E = (1 + lift/((1 + calming H_c/h_c) H_c)) (1 + damping H_b/(S a)),
-    G_i = g_i^2/(1 + drift v/sqrt(g a) d_i/(g_i a)), g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0,
-    S = 1 + stirring v/sqrt(g a), N_i = depletion u phi G_i H_b/(E V a). B = the time for which an
-    opening is taken up, passing_time sqrt(a/g)/(S loosening) for one grain or for as many finer
-    ones as fill it, times their number a second.
+    P_i = phi g_i l_i/(E (1 + B)), H = depth of the bed, h_t = height to which the deck throws,
+    H_b = H/sqrt(1 + (levelling H/a)^2), what the deck shakes of it,
+    E^2 = (H_b + h_t (1 + bouncing (1 - cover)^2))/(4 a + h_t): how far the bed comes down,
+    g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0: the free part of a side of the opening,
+    l_i = max(0, g_i - drift v/sqrt(g a) sqrt(d_i/a)): what the way of a sinking grain leaves of it,
+    B = crowding cover sum of F_i g_i l_i (a/max(d_i, a/2))^3: grains that try the same opening.
     """
     aperture = scene.aperture
-    fall = sqrt(motion.GRAVITY * aperture)
-    ride = scene.transport_velocity / fall
-    carried = scene.drift * ride / aperture
     beyond = (1.0 - scene.rim) / aperture
-    stirred = 1.0 + scene.stirring * ride
-    level = scene.levelling * scene.bed_load / scene.contact_load
-    shaken = scene.bed_load / sqrt(1.0 + level * level)
-    held = 1.0 + scene.damping * shaken / (stirred * scene.density * aperture)
-    bed = max(scene.bed_load, scene.contact_load)
-    calm = 1.0 + scene.calming * bed / scene.contact_load
-    held *= 1.0 + scene.lift * scene.density / (calm * bed)
-    short = scene.depletion * shaken / scene.density
-    short *= scene.passage_velocity * scene.open_area / held
+    carried = scene.drift * scene.transport_velocity / (sqrt(motion.GRAVITY) * aperture)
+    depth = scene.bed_load / scene.density
+    level = scene.levelling * depth / aperture
+    bare = 1.0 - scene.cover
+    thrown = scene.throw_height * (1.0 + scene.bouncing * bare * bare)
+    down = depth / sqrt(1.0 + level * level) + thrown
+    usual = closure.USUAL_DEPTH * aperture + scene.throw_height
+    held = sqrt(down / usual)
     crowd = 0.0
     passing = gaudin.stop_coarse(size, aperture, probability)
     for i in range(passing):
         d = size[i]
         guided = 1.0 - beyond * d
-        freed = guided * guided * guided
-        room = max(d, 0.5 * aperture)
-        space = room * room * room
-        slow = space * (guided + carried * d + short * freed)
-        easy = freed / slow if guided > 0.0 else 0.0
-        crowd += easy * fraction[i]
-        probability[i] = space * easy
-    tries = scene.passage_velocity * scene.cover / (held * scene.loosening)
-    taken = scene.passing_time * aperture / (fall * stirred) * aperture * aperture
-    busy = taken * tries * _PER_VOLUME * crowd if tries > 0.0 else 0.0
-    scale = scene.open_area / (held * (1.0 + busy))
+        free = guided * max(0.0, guided - carried * sqrt(d))
+        room = aperture / max(d, 0.5 * aperture)
+        crowd += free * fraction[i] * (room * room * room)
+        probability[i] = free
+    busy = scene.crowding * scene.cover * crowd
+    slow = held * (1.0 + busy)
+    scale = scene.open_area / slow if slow > 0.0 else 0.0
     for i in range(passing):
         probability[i] *= scale

@@ -7,6 +7,13 @@ from vibroscreen.kernels.physics.motion import GRAVITY
 
 # Places in the field `closure`; 1 there: the velocity follows from the vibration.
 OF_PASSAGE, OF_SEGREGATION = 0, 1
+# Depth of the bed for which the velocity of passage is given, in apertures: what is usual at most
+# at the discharge.
+USUAL_DEPTH = 4.0
+# Throw number for which the velocity of percolation is given: what screens are mostly run at.
+USUAL_THROW = 3.0
+# Throw number at which a flight lasts two periods.
+LONG_FLIGHT = 2.0 * pi
 
 
 @kernel
@@ -46,26 +53,26 @@ def throw_height(harmonic, frequency):
 
 @kernel
 def looseness(acceleration):
-    """How loose shaking keeps the bed: (1 - 1/K^2)^2, 0 up to K = 1."""
-    if acceleration <= 1.0:
-        return 0.0
-    free = 1.0 - 1.0 / (acceleration * acceleration)
-    return free * free
+    """How loose shaking keeps the bed: 1 - 1/K^2, 0 up to K = 1."""
+    return 1.0 - 1.0 / (acceleration * acceleration) if acceleration > 1.0 else 0.0
 
 
 @kernel
-def passage_factor(harmonic, frequency, aperture):
-    """u over its value in a loose bed at V = sqrt(g a): looseness sqrt(sqrt(g a)/V)."""
-    velocity = peak_normal_velocity(harmonic, frequency)
-    if velocity <= 0.0:
-        return 0.0
+def passage_factor(harmonic, frequency, aperture, throw_number):
+    """u over that of a bed as deep as usual, fully loose and hardly thrown [1].
+
+    looseness^2, over sqrt(1 + h_t/(4 a)): a bed thrown higher lands less often; and over
+    1 + (G/(2 pi))^4: of flights of two periods and longer most landings are lost.
+    """
     loose = looseness(peak_acceleration(harmonic, frequency))
-    return loose * sqrt(sqrt(GRAVITY * aperture) / velocity)
+    higher = throw_height(harmonic, frequency) / (USUAL_DEPTH * aperture)
+    long = throw_number / LONG_FLIGHT
+    long *= long
+    return loose * loose / (sqrt(1.0 + higher) * (1.0 + long * long))
 
 
 @kernel
-def percolation_factor(harmonic, frequency, contact_depth):
-    """w over its value in a loose bed at V = sqrt(g h_c): looseness V^2/(g h_c)."""
-    velocity = peak_normal_velocity(harmonic, frequency)
+def percolation_factor(harmonic, frequency, throw_number):
+    """w over its value in a fully loose bed at the usual throw number 3: looseness G/3 [1]."""
     loose = looseness(peak_acceleration(harmonic, frequency))
-    return loose * velocity * velocity / (GRAVITY * contact_depth)
+    return loose * throw_number / USUAL_THROW
