@@ -255,7 +255,7 @@ Undersize recovered at the first, the middle and the last value, and where it is
 """
 
 
-SECTION = Section("Practice", "python engine/validation/practice_curves.py", write)
+SECTION = Section("What practice would say", "python engine/validation/practice_curves.py", write)
 
 
 def main(

@@ -73,7 +73,7 @@ def test_what_changes_nothing_and_what_does() -> None:
     frame = example.trends(example.RECOMMENDED)
     usual = frame.recovery["as it is"]
     assert frame.recovery["twice as wide, twice the feed"] == pytest.approx(usual, abs=1e-4)
-    assert frame.recovery["all lengths times 4"] == pytest.approx(usual, abs=1e-3)
+    assert frame.recovery["all lengths times 3"] == pytest.approx(usual, abs=1e-3)
     assert frame.recovery["1.5 times the feed"] < usual
     assert frame.recovery["open area 0.45"] < usual < frame.recovery["open area 0.65"]
     assert usual < frame.recovery["1.5 times as wide"] < frame.recovery["1.5 times as long"]
