@@ -126,8 +126,8 @@ def extrapolate(buffer, k, rows):
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
-            better = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level + 1) + part)
-            coarse = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level) + part)
+            trial = blocks.TRIAL + 2 * (k - level) + part
+            better, coarse = blocks.stage(buffer, trial + 2), blocks.stage(buffer, trial)
             for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
@@ -175,15 +175,9 @@ def carry_debts(flux, load, rows):
 
 
 @kernel
-def pay_integral(buffer, rows):
-    total = blocks.stage(buffer, blocks.INTEGRAL)
-    debts = 0
-    for i in range((rows + 1) * state.extent(buffer).active):
-        debts += 1 if total[i] < 0.0 else 0
-    if debts > 0:
-        gone = blocks.stage_passed(buffer, blocks.INTEGRAL)
-        load = blocks.stage_load(buffer, blocks.INTEGRAL)
-        carry_debts(gone, load, rows)
+def pay_debts(buffer, index, rows):
+    """`carry_debts` within a block."""
+    carry_debts(blocks.stage_passed(buffer, index), blocks.stage_load(buffer, index), rows)
 
 
 @kernel

@@ -59,7 +59,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
         column.close_sizes(buffer, load, rows, layers, duration - before, before - step.left)
         rows = max(rows, book.rows)
         used = max(used, rows)
-        implicit.pay_integral(buffer, rows)
+        implicit.pay_debts(buffer, blocks.INTEGRAL, rows)
         column.scatter(buffer, load, layers, rows, before - step.left)
     book.rows = used
     return layers
@@ -161,7 +161,7 @@ def advance_explicit(buffer, scene, book, step, layers):
     if not paid:
         load = blocks.stage_load(buffer, blocks.NOW)
         past = layer_mass(load, layers - 1) < 0.0
-        implicit.carry_debts(blocks.stage_passed(buffer, blocks.NOW), load, layers)
+        implicit.pay_debts(buffer, blocks.NOW, layers)
         # Faces have debts in any layer: those that paid are filled.
         if reconstruction.reconstructed(buffer) or past:
             layers = restack(buffer, scene, load, layers)
