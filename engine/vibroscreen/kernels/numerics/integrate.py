@@ -100,7 +100,9 @@ def look_ahead(buffer, scene, step, layers):
     if step.fresh == 0:
         rates_now(buffer, scene, layers, moment)
     for attempt in range(2):
-        settled = kinks.settle_top(buffer, scene, layers, kinks.top_growth(buffer, layers))
+        settled = kinks.settle_top(
+            buffer, scene, layers, blocks.top_mass(buffer, blocks.K1, layers)
+        )
         if settled == layers or (attempt == 1 and settled > layers):
             break
         layers = settled
@@ -109,7 +111,7 @@ def look_ahead(buffer, scene, step, layers):
         step.before, step.length = 0.0, 0.0
     if state.extent(buffer).recorded > 0:
         note_passage(buffer, scene, moment)
-    growth, before, h = kinks.top_growth(buffer, layers), step.before, step.length
+    growth, before, h = blocks.top_mass(buffer, blocks.K1, layers), step.before, step.length
     slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
     load = blocks.stage_load(buffer, blocks.NOW)
     step.growth, step.distance = growth, kinks.mass_to_kink(buffer, scene, load, layers, growth)

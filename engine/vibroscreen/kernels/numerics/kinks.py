@@ -127,9 +127,3 @@ def settle_top(buffer, scene, layers, growth):
         vectors.clear_rows(load, layers, layers + 1)
         return layers + 1
     return layers
-
-
-@kernel
-def top_growth(buffer, layers):
-    """What the top layer gains, kg/(m2 s), by the rates in K1."""
-    return layer_mass(blocks.stage_load(buffer, blocks.K1), layers - 1)

@@ -14,7 +14,7 @@ from vibroscreen.kernels.numerics import (
     reconstruction,
     within,
 )
-from vibroscreen.kernels.physics import layer, segregation
+from vibroscreen.kernels.physics import segregation
 
 # A step that should end where a layer runs out goes on for so much of what is expected; one that
 # would end a little before that is made longer by up to the second factor.
@@ -133,9 +133,8 @@ def explicit_length(buffer, scene, book, step, layers):
     Into `step`: length, scheme, and the part of the step that lies before a kink.
     """
     counter = state.counters(buffer)
-    staged = blocks.stage_load(buffer, blocks.STAGED)
     full = scene.layer_full if layers > 1 else scene.contact_load
-    mass = layer.layer_mass(blocks.stage_load(buffer, blocks.NOW), layers - 1)
+    mass = blocks.top_mass(buffer, blocks.NOW, layers)
     miss = kinks.miss_of(buffer, layers, step.growth) * full
     sorted_bed = has_kinks(buffer)
     first = book.wide == 0.0 and state.extent(buffer).parts > 0
@@ -147,7 +146,7 @@ def explicit_length(buffer, scene, book, step, layers):
         error = try_explicit(buffer, scene, step, layers) / allowed
         if scheme == explicit.PAIR and not sorted_bed and state.extent(buffer).source_terms == 0:
             error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
-        moved = abs(layer.layer_mass(staged, layers - 1) - mass)
+        moved = abs(blocks.top_mass(buffer, blocks.STAGED, layers) - mass)
         lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
         if lands and passes:
             most = kinks.FORETOLD * kinks.OVER_MARGIN * kinks.allowance(buffer, scene, book, h)
