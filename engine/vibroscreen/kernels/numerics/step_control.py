@@ -5,15 +5,8 @@ from math import ceil, sqrt
 from vibroscreen.compiler.elementary import raised
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import (
-    blocks,
-    chain,
-    explicit,
-    kinks,
-    pair,
-    reconstruction,
-    within,
-)
+from vibroscreen.kernels.numerics import blocks, chain, explicit, kinks, pair, within
+from vibroscreen.kernels.numerics.reconstruction import reconstructed
 from vibroscreen.kernels.physics import segregation
 
 # A step that should end where a layer runs out goes on for so much of what is expected; one that
@@ -49,7 +42,7 @@ def has_kinks(buffer):
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
     partly = model == segregation.PROPORTIONAL and parameter.segregation_proportion > 0.0
-    return partly or model == segregation.CLASSIFIED or reconstruction.reconstructed(buffer)
+    return partly or model == segregation.CLASSIFIED or reconstructed(buffer)
 
 
 @kernel
