@@ -100,9 +100,8 @@ def look_ahead(buffer, scene, step, layers):
     if step.fresh == 0:
         rates_now(buffer, scene, layers, moment)
     for attempt in range(2):
-        settled = kinks.settle_top(
-            buffer, scene, layers, blocks.top_mass(buffer, blocks.K1, layers)
-        )
+        growth = blocks.top_mass(buffer, blocks.K1, layers)
+        settled = kinks.settle_top(buffer, scene, layers, growth)
         if settled == layers or (attempt == 1 and settled > layers):
             break
         layers = settled
