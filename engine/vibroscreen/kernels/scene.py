@@ -51,9 +51,8 @@ def solve_displacement(buffer, deck, number):
     parameter, inputs = state.parameters(buffer), state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
     result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
-    work = state.vector(
-        buffer, state.AT.displacement_work, state.extent(buffer).displacement_work, 0
-    )
+    extent = state.extent(buffer)
+    work = state.vector(buffer, state.AT.displacement_work, extent.displacement_work, 0)
     drive = state.vector(buffer, state.AT.drive_setting, 5, 0)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.motion_frequency, panel.inclination
@@ -68,9 +67,7 @@ def solve_displacement(buffer, deck, number):
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
-        motion.call_displacement(
-            state.extent(buffer).displacement_address, harmonic, drive, result, work
-        )
+        motion.call_displacement(extent.displacement_address, harmonic, drive, result, work)
     result[0] *= panel.velocity_factor
 
 
