@@ -46,7 +46,7 @@ from vibroscreen.kernels.physics.closure import (
     percolation_factor,
 )
 from vibroscreen.kernels.physics.motion import GRAVITY
-from vibroscreen.motion import Motion, transport_velocity
+from vibroscreen.motion import Motion, conveying_regime, transport_velocity
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sweep import SteadyTable
@@ -624,6 +624,7 @@ def try_powers(loads: Array, powers: tuple[float, float]) -> dict[str, float]:
 def motions() -> pd.DataFrame:
     """What the closure makes of the default motion and of that by aperture, and how beds ride."""
     default = ScreenConfig.default()
+    friction = default.material.friction_base
     rows = []
     for aperture, stroke in zip(APERTURES, STROKES, strict=True):
         usual = usual_motion(stroke * MM)
@@ -633,12 +634,10 @@ def motions() -> pd.DataFrame:
             harmonic = np.array([[1.0, 0.0, size * math.cos(b), 0.0, size * math.sin(b)]])
             speed = peak_normal_velocity(harmonic, motion.frequency)
             row[f"V/sqrt(ga) {name}"] = speed / math.sqrt(GRAVITY * aperture)
-            throw = speed * 2.0 * math.pi * motion.frequency / (GRAVITY * math.cos(INCLINATION))
+            throw = conveying_regime(motion, INCLINATION, friction, "bed").throw_number
             row[f"on u {name}"] = passage_factor(harmonic, motion.frequency, aperture, throw)
-            depth = RECOMMENDED.depth * aperture
-            row[f"on w {name}"] = percolation_factor(harmonic, motion.frequency, depth)
+            row[f"on w {name}"] = percolation_factor(harmonic, motion.frequency, throw)
         row["stroke mm"], row["1/min"] = stroke, 60.0 * usual.frequency
-        friction = default.material.friction_base
         row["v m/s"] = transport_velocity(usual, INCLINATION, friction, "bed")
         rows.append(row)
     return pd.DataFrame(rows).set_index("aperture mm")
@@ -713,11 +712,11 @@ def trends(constants: Constants) -> pd.DataFrame:
         at = values.get("feed.mass_flow_rate", rate)
         solved = solve_steady_many(screen, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
         rows.append((name, *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN))
-    scaled = larger(config, 3.0)
+    scaled = larger(config, 4.0)
     at = scaled.feed.mass_flow_rate
     solved = solve_steady_many(scaled, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
     rows.append(
-        ("all lengths times 3", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 3.0)
+        ("all lengths times 4", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 4.0)
     )
     return pd.DataFrame(
         rows, columns=["change", "recovery", "at twice the feed", "cut/a"]
@@ -994,7 +993,7 @@ of the aperture on each (c_d as recommended). A closure that knows how apertures
 no powers.
 
 {markdown(study.closures, 4)}
-Powers that are given, default motion, no closure (the closure itself has 0 to 1/2, and -1/2):
+Powers that are given, default motion, no closure (the closure itself has 1/4 and -1):
 
 {markdown(study.powers, 4)}
 What the closure makes of u and w at each aperture, under the default motion and under the motion by

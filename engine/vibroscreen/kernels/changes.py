@@ -82,9 +82,7 @@ def prepare(buffer, fresh):
     What changed is compared with what was seen last, so that the displacement is solved only when
     motion, inclination or friction changed, and packages keep their shared trajectory otherwise.
     """
-    code = check(buffer)
-    if code == state.ACCEPTED:
-        code = check_layers(buffer)
+    code = check(buffer) or check_layers(buffer)
     if code != state.ACCEPTED:
         return code
     (now, last), switch = seen(buffer), state.switches(buffer)
@@ -164,12 +162,10 @@ def spread_feed(buffer):
         spread[k] = max(0.0, fraction[k])
         total += spread[k]
     vectors.ratio(spread, spread, total)
-    split_classes(
-        state.vector(buffer, state.AT.edge, fraction.size + 1, 0),
-        spread,
-        state.node_vector(buffer, state.AT.node_class, 0),
-        state.node_vector(buffer, state.AT.node_position, 0),
-        state.node_vector(buffer, state.AT.node_weight, 0),
-        state.vector(buffer, state.AT.slope, fraction.size + 1, 0),
-        state.node_vector(buffer, state.AT.feed_fraction, 0),
-    )
+    edge = state.vector(buffer, state.AT.edge, fraction.size + 1, 0)
+    slope = state.vector(buffer, state.AT.slope, fraction.size + 1, 0)
+    node_class = state.node_vector(buffer, state.AT.node_class, 0)
+    position = state.node_vector(buffer, state.AT.node_position, 0)
+    weight = state.node_vector(buffer, state.AT.node_weight, 0)
+    fed = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    split_classes(edge, spread, node_class, position, weight, slope, fed)

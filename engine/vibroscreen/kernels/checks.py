@@ -35,12 +35,8 @@ def refuse(buffer, code, index, value, limit):
 @kernel
 def check(buffer):
     """Check all that a screen is given, before anything changes; ACCEPTED or a refusal."""
-    code = check_values(buffer)
-    if code == state.ACCEPTED:
-        code = check_edges(buffer)
-    if code == state.ACCEPTED:
-        code = check_models(buffer)
-    return check_decks(buffer) if code == state.ACCEPTED else code
+    code = check_values(buffer) or check_edges(buffer)
+    return code or check_models(buffer) or check_decks(buffer)
 
 
 @kernel
@@ -102,12 +98,11 @@ def check_model(buffer, index, built_in, address):
 @kernel
 def check_models(buffer):
     extent = state.extent(buffer)
-    code = check_model(buffer, PASSAGE_LAW, BOUNCE, extent.passage_address)
-    if code == state.ACCEPTED:
-        code = check_model(buffer, DISPLACEMENT_MODEL, BED, extent.displacement_address)
-    if code == state.ACCEPTED:
-        code = check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, extent.segregation_address)
-    return code
+    return (
+        check_model(buffer, PASSAGE_LAW, BOUNCE, extent.passage_address)
+        or check_model(buffer, DISPLACEMENT_MODEL, BED, extent.displacement_address)
+        or check_model(buffer, SEGREGATION_MODEL, CLASSIFIED, extent.segregation_address)
+    )
 
 
 @kernel

@@ -51,9 +51,8 @@ def solve_displacement(buffer, deck, number):
     parameter, inputs = state.parameters(buffer), state.inputs(buffer)
     panel = state.panel(buffer, deck, number)
     result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
-    work = state.vector(
-        buffer, state.AT.displacement_work, state.extent(buffer).displacement_work, 0
-    )
+    extent = state.extent(buffer)
+    work = state.vector(buffer, state.AT.displacement_work, extent.displacement_work, 0)
     drive = state.vector(buffer, state.AT.drive_setting, 5, 0)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.motion_frequency, panel.inclination
@@ -68,9 +67,7 @@ def solve_displacement(buffer, deck, number):
     elif model == BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
-        motion.call_displacement(
-            state.extent(buffer).displacement_address, harmonic, drive, result, work
-        )
+        motion.call_displacement(extent.displacement_address, harmonic, drive, result, work)
     result[0] *= panel.velocity_factor
 
 
@@ -137,7 +134,7 @@ def stop_together(buffer, deck):
 @kernel
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: throw the bed, and scale u and w where so chosen."""
-    parameter, chosen = state.parameters(buffer), state.vector(buffer, state.AT.closure, 2, 0)
+    chosen = state.vector(buffer, state.AT.closure, 2, 0)
     aperture = state.panel(buffer, deck, number).aperture
     harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
@@ -147,7 +144,7 @@ def close_scene(buffer, deck, number, scene):
             harmonic, frequency, aperture, scene.throw_number
         )
     if chosen[closure.OF_SEGREGATION] > 0.0:
-        loose = closure.percolation_factor(harmonic, frequency, parameter.bed_contact_depth)
+        loose = closure.percolation_factor(harmonic, frequency, scene.throw_number)
         scene.segregation_velocity *= loose
         scene.mixing *= loose
 

@@ -52,16 +52,13 @@ def place_nodes(buffer):
     feed = state.inputs(buffer).feed_mass_flow_rate
     classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
     room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
-    extent.nodes = classes.build_nodes(
-        state.vector(buffer, state.AT.edge, extent.classes + 1, 0),
-        apertures[:count],
-        numbers(parameter),
-        strength,
-        state.vector(buffer, state.AT.size, room, 0),
-        state.vector(buffer, state.AT.node_class, room, 0),
-        state.vector(buffer, state.AT.node_position, room, 0),
-        state.vector(buffer, state.AT.node_weight, room, 0),
-    )
+    edge = state.vector(buffer, state.AT.edge, extent.classes + 1, 0)
+    size = state.vector(buffer, state.AT.size, room, 0)
+    of_class = state.vector(buffer, state.AT.node_class, room, 0)
+    position = state.vector(buffer, state.AT.node_position, room, 0)
+    weight = state.vector(buffer, state.AT.node_weight, room, 0)
+    said, used = numbers(parameter), apertures[:count]
+    extent.nodes = classes.build_nodes(edge, used, said, strength, size, of_class, position, weight)
 
 
 @kernel

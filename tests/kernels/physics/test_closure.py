@@ -128,7 +128,7 @@ def test_passage_over_the_throw_number(aperture: float, frequency: float) -> Non
 
 
 def test_percolation_rises_with_the_throw() -> None:
-    w = np.array([percolation_factor(*vertical(t), CONTACT) for t in np.arange(0.5, 8.0, 0.25)])
+    w = np.array([percolation_factor(*vertical(t), t) for t in np.arange(0.5, 8.0, 0.25)])
     assert (w[:3] == 0.0).all()
     assert (np.diff(w[2:]) > 0.0).all()
 

@@ -29,7 +29,7 @@ def keep_leader(buffer, deck):
     if not goes_on_as_one(buffer, deck):
         return 0.0
     book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck)
+    index = package.new_slot(buffer, deck, 0, 0.0)
     passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
     fed = state.node_vector(buffer, state.AT.lead_feed, deck)
     vectors.copy(package.reference_of(buffer, deck, index), fed)

@@ -20,16 +20,7 @@ def clear_deck(buffer, deck):
         for cell in range(cells - 1, -1, -1):
             panel = travel.cell_panel(buffer, deck, cell)
             length = travel.cell_length(buffer, deck, panel)
-            package.join_back(buffer, deck, empty_package(buffer, deck, panel, length))
-
-
-@kernel
-def empty_package(buffer, deck, panel, length):
-    """A slot with an empty package of a length [m] on a panel."""
-    index = package.new_slot(buffer, deck)
-    package.put_on_panel(buffer, deck, index, panel)
-    package.lengths(buffer, deck)[index] = length
-    return index
+            package.join_back(buffer, deck, package.new_slot(buffer, deck, panel, length))
 
 
 @kernel
@@ -81,4 +72,4 @@ def extend_tail(buffer, deck, duration):
             package.settle(buffer, deck, tail, layers)
             length[tail] = whole
             return
-    package.join_back(buffer, deck, empty_package(buffer, deck, 0, fresh))
+    package.join_back(buffer, deck, package.new_slot(buffer, deck, 0, fresh))

@@ -23,10 +23,8 @@ def open_pile(buffer, deck):
     """Begin a package on which the feed lands until it has moved by its own length."""
     book = state.book(buffer, deck)
     join_queue(buffer, deck)
-    index = package.new_slot(buffer, deck)
     length = travel.cell_length(buffer, deck, 0)
-    package.lengths(buffer, deck)[index] = length
-    package.join_back(buffer, deck, index)
+    package.join_back(buffer, deck, package.new_slot(buffer, deck, 0, length))
     book.pile_open, book.pile_rear = 1.0, -length
 
 
@@ -118,12 +116,10 @@ def append_piece(buffer, deck):
             panel += 1
     if span <= 0.0:
         return
-    index = package.new_slot(buffer, deck)
     length = span * travel.panel_velocity(buffer, deck, panel)
-    package.put_on_panel(buffer, deck, index, panel)
+    index = package.new_slot(buffer, deck, panel, length)
     if package.in_cells(buffer, deck):
         finish_cell(buffer, deck, index, length)
-    package.lengths(buffer, deck)[index] = length
     package.join_back(buffer, deck, index)
 
 
@@ -246,8 +242,7 @@ def cross_lead(buffer, deck):
 @kernel
 def new_cell(buffer, deck, panel):
     book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck)
-    package.put_on_panel(buffer, deck, index, panel)
+    index = package.new_slot(buffer, deck, panel, 0.0)
     state.package_vector(buffer, state.AT.cell, deck)[book.cells] = index
     book.cells += 1
     return index
@@ -411,7 +406,9 @@ def grow_cohort(buffer, deck, duration):
     left = duration
     while left > 0.0 and book.covered == 0.0:
         if not package.in_cells(buffer, deck):
-            left -= grow_empty(buffer, deck, left)
+            taken, there = reach(book, travel.residence_time(buffer, deck), left)
+            left -= taken
+            book.covered = 1.0 if there else 0.0
         elif deck == 0:
             left -= advance_over_cells(buffer, deck, left)
         else:
@@ -427,15 +424,6 @@ def reach(book, target, duration):
     there = until <= duration or book.cohort_front + duration >= target
     book.cohort_front = target if there else book.cohort_front + duration
     return min(until, duration), there
-
-
-@kernel
-def grow_empty(buffer, deck, duration):
-    """Advance the front of a cohort without feed; returns the time it took, s."""
-    book = state.book(buffer, deck)
-    taken, there = reach(book, travel.residence_time(buffer, deck), duration)
-    book.covered = 1.0 if there else 0.0
-    return taken
 
 
 @kernel

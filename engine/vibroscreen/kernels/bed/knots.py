@@ -88,6 +88,15 @@ def thin_knots(buffer, deck):
 
 
 @kernel
+def between_knots(buffer, deck, knot):
+    """What has passed up to a knot and to the next one, and the rates at both, in between."""
+    start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
+    stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
+    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
+    return start, stop, after, knot_vector(buffer, state.AT.knot_before, deck, knot + 1)
+
+
+@kernel
 def end_rates(total, rate_start, rate_end, width):
     """Rates at both ends of an interval, held within what keeps the cubic monotone."""
     most = 3.0 * max(0.0, total) / width
@@ -116,10 +125,7 @@ def lead_source(buffer, deck, place, velocity):
     book.knot = knot
     width = places[knot + 1] - places[knot]
     x, rise = (place - places[knot]) / width, velocity / width
-    start = knot_vector(buffer, state.AT.knot_passed, above, knot)
-    stop = knot_vector(buffer, state.AT.knot_passed, above, knot + 1)
-    after = knot_vector(buffer, state.AT.knot_after, above, knot)
-    before = knot_vector(buffer, state.AT.knot_before, above, knot + 1)
+    start, stop, after, before = between_knots(buffer, above, knot)
     per_area = 1.0 / deck_width(buffer, deck)
     nodes = start.size
     source = state.vector(buffer, state.AT.source, 3 * nodes, 0)
@@ -150,13 +156,10 @@ def passed_up_to(buffer, deck, place, passed):
     knot = 0
     while knot + 2 < count and places[knot + 1] < place:
         knot += 1
-    start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
     if count == 1 or place <= places[knot]:
-        vectors.copy(passed, start)
+        vectors.copy(passed, knot_vector(buffer, state.AT.knot_passed, deck, knot))
         return
-    stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
-    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
-    before = knot_vector(buffer, state.AT.knot_before, deck, knot + 1)
+    start, stop, after, before = between_knots(buffer, deck, knot)
     width = places[knot + 1] - places[knot]
     x = min(1.0, (place - places[knot]) / width)
     for i in range(passed.size):

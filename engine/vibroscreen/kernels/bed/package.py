@@ -61,11 +61,6 @@ def panel_of(buffer, deck, index):
 
 
 @kernel
-def put_on_panel(buffer, deck, index, panel):
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-
-
-@kernel
 def scene_of(buffer, deck, index):
     return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
 
@@ -112,8 +107,8 @@ def give_back(buffer, deck, index):
 
 
 @kernel
-def new_slot(buffer, deck):
-    """A free slot, emptied; merges neighbours of the queue if there is none."""
+def new_slot(buffer, deck, panel, length):
+    """A free slot with an empty package; merges neighbours of the queue if there is none."""
     if free_slots(buffer, deck) == 0:
         part_cohorts(buffer, deck)
     if free_slots(buffer, deck) == 0:
@@ -122,8 +117,9 @@ def new_slot(buffer, deck):
     load = column_of(buffer, deck, index)
     vectors.fill(reference_of(buffer, deck, index), 0.0)
     vectors.clear_rows(load, 0, load.shape[0])
-    for at in (state.AT.leader, state.AT.length, state.AT.on_panel):
-        state.package_vector(buffer, at, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT.leader, deck)[index] = 0.0
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
+    lengths(buffer, deck)[index] = length
     state.package_vector(buffer, state.AT.layers_used, deck)[index] = 1.0
     keep_pace(state.book(buffer, deck), pace_of(buffer, deck, index))
     return index

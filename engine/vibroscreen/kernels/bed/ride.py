@@ -116,7 +116,7 @@ def shed(buffer, deck, index):
 def cross(buffer, deck, index):
     """Move a package to the next panel: its length changes with the velocity, its mass stays."""
     before = package.velocity_of(buffer, deck, index)
-    package.put_on_panel(buffer, deck, index, package.panel_of(buffer, deck, index) + 1)
+    state.package_vector(buffer, state.AT.on_panel, deck)[index] += 1.0
     stretch = package.velocity_of(buffer, deck, index) / before
     package.lengths(buffer, deck)[index] *= stretch
     reference = package.reference_of(buffer, deck, index)

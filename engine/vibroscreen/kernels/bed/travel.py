@@ -129,11 +129,10 @@ def cell_panel(buffer, deck, cell):
 def cell_end(buffer, deck, cell):
     """Riding time at the end of a cell, s."""
     panel = cell_panel(buffer, deck, cell)
-    beyond = 0
+    behind = -1 - cell  # cells of the panel that follow
     for k in range(panel + 1):
-        beyond += panel_cells(buffer, deck, k)
+        behind += panel_cells(buffer, deck, k)
     end = panel_end_time(buffer, deck, panel)
-    behind = beyond - 1 - cell  # cells of the panel that follow
     if behind == 0:
         return end
     span = state.panel(buffer, deck, panel).length / panel_velocity(buffer, deck, panel)

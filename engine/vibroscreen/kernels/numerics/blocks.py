@@ -8,6 +8,7 @@ stage_passed and stage_load[layer, size] its parts.
 from vibroscreen.compiler.fours import all_four, four, four_in, in_fours, larger, largest
 from vibroscreen.compiler.language import kernel, view1, view2
 from vibroscreen.kernels import state
+from vibroscreen.kernels.physics.layer import layer_mass
 
 # Blocks: the column, the column at a stage, the rates at the stages, time integrals.
 NOW, STAGED, K1, K2, K3, K4, K5, K6, K7, INTEGRAL = range(10)
@@ -58,6 +59,12 @@ def stage_share(buffer, index, layers):
     """Mass fractions of the top one of `layers` layers in a block [1, active size]."""
     active = state.work(buffer).active
     return view2(buffer, _start(buffer, index) + (layers + 1) * active, 1, active)
+
+
+@kernel
+def top_mass(buffer, index, layers):
+    """Mass of the top layer in a block, kg/m2, or its rate."""
+    return layer_mass(stage_load(buffer, index), layers - 1)
 
 
 @kernel

@@ -48,15 +48,12 @@ def implicit_step(load, rate, down, up, pivot, stay, layers, h):
 def basic_step(buffer, scene, k, layers, h, moment):
     """One step of first order on trial k: passage and percolation, then landing and settling.
 
-    Blocks 2k and 2k + 1 of `trial` hold the column and its time integral. Returns the number of
+    Blocks TRIAL + 2k and + 2k + 1 hold the column and its time integral. Returns the number of
     layers after it.
     """
-    load = blocks.stage_load(buffer, blocks.TRIAL + 2 * k)
-    passed = blocks.stage_passed(buffer, blocks.TRIAL + 2 * k)
-    column, time = (
-        blocks.stage(buffer, blocks.TRIAL + 2 * k),
-        blocks.stage(buffer, blocks.TRIAL + 2 * k + 1),
-    )
+    trial = blocks.TRIAL + 2 * k
+    load, passed = blocks.stage_load(buffer, trial), blocks.stage_passed(buffer, trial)
+    column, time = blocks.stage(buffer, trial), blocks.stage(buffer, trial + 1)
     rate = blocks.active_vector(buffer, state.AT.node_work, 0)
     contact = blocks.active_vector(buffer, state.AT.node_work, 1)
     stay = blocks.active_vector(buffer, state.AT.node_work, 3)
@@ -87,10 +84,8 @@ def basic_step(buffer, scene, k, layers, h, moment):
 def run_trial(buffer, scene, k, layers, rows, h, moment):
     """k + 1 basic steps over h from NOW into trial k, which uses at most `rows` layers."""
     now = blocks.stage(buffer, blocks.NOW)
-    column, time = (
-        blocks.stage(buffer, blocks.TRIAL + 2 * k),
-        blocks.stage(buffer, blocks.TRIAL + 2 * k + 1),
-    )
+    trial = blocks.TRIAL + 2 * k
+    column, time = blocks.stage(buffer, trial), blocks.stage(buffer, trial + 1)
     nodes = state.work(buffer).active
     for i in range((rows + 1) * nodes):
         # What passed counts from here; above the loads lies the share of the top layer.
@@ -126,8 +121,8 @@ def extrapolate(buffer, k, rows):
     for level in range(1, k + 1):
         factor = 1.0 / ((k + 1.0) / (k + 1.0 - level) - 1.0)
         for part in range(2):
-            better = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level + 1) + part)
-            coarse = blocks.stage(buffer, blocks.TRIAL + 2 * (k - level) + part)
+            trial = blocks.TRIAL + 2 * (k - level) + part
+            better, coarse = blocks.stage(buffer, trial + 2), blocks.stage(buffer, trial)
             for i in range(size):
                 coarse[i] = better[i] + factor * (better[i] - coarse[i])
 
@@ -135,12 +130,9 @@ def extrapolate(buffer, k, rows):
 @kernel
 def step_error(buffer, rows):
     """Largest difference of the two best extrapolations as a part of what was fed of a size."""
-    flux = blocks.stage_passed(buffer, blocks.TRIAL)
-    coarse_flux = blocks.stage_passed(buffer, blocks.TRIAL + 2)
-    load, coarse_load = (
-        blocks.stage_load(buffer, blocks.TRIAL),
-        blocks.stage_load(buffer, blocks.TRIAL + 2),
-    )
+    best, next_best = blocks.TRIAL, blocks.TRIAL + 2
+    flux, coarse_flux = blocks.stage_passed(buffer, best), blocks.stage_passed(buffer, next_best)
+    load, coarse_load = blocks.stage_load(buffer, best), blocks.stage_load(buffer, next_best)
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
     worst = 0.0
     for i in range(weight.size):
@@ -175,15 +167,9 @@ def carry_debts(flux, load, rows):
 
 
 @kernel
-def pay_integral(buffer, rows):
-    total = blocks.stage(buffer, blocks.INTEGRAL)
-    debts = 0
-    for i in range((rows + 1) * state.work(buffer).active):
-        debts += 1 if total[i] < 0.0 else 0
-    if debts > 0:
-        gone = blocks.stage_passed(buffer, blocks.INTEGRAL)
-        load = blocks.stage_load(buffer, blocks.INTEGRAL)
-        carry_debts(gone, load, rows)
+def pay_debts(buffer, index, rows):
+    """`carry_debts` within a block."""
+    carry_debts(blocks.stage_passed(buffer, index), blocks.stage_load(buffer, index), rows)
 
 
 @kernel
@@ -193,14 +179,8 @@ def take_implicit(buffer, scene, rows, h):
     now, total = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
     best, time = blocks.stage(buffer, blocks.TRIAL), blocks.stage(buffer, blocks.TRIAL + 1)
     gone = state.work(buffer).active
-    carry_debts(
-        blocks.stage_passed(buffer, blocks.TRIAL), blocks.stage_load(buffer, blocks.TRIAL), rows
-    )
-    carry_debts(
-        blocks.stage_passed(buffer, blocks.TRIAL + 1),
-        blocks.stage_load(buffer, blocks.TRIAL + 1),
-        rows,
-    )
+    pay_debts(buffer, blocks.TRIAL, rows)
+    pay_debts(buffer, blocks.TRIAL + 1, rows)
     for i in range(gone):
         total[i] += h * now[i] + time[i]
         now[i] += best[i]

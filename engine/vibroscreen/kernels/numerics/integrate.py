@@ -59,7 +59,7 @@ def integrate(buffer, scene, book, load, reference, layers, duration):
         column.close_sizes(buffer, load, rows, layers, duration - before, before - step.left)
         rows = max(rows, book.rows)
         used = max(used, rows)
-        implicit.pay_integral(buffer, rows)
+        implicit.pay_debts(buffer, blocks.INTEGRAL, rows)
         column.scatter(buffer, load, layers, rows, before - step.left)
     book.rows = used
     return layers
@@ -100,7 +100,8 @@ def look_ahead(buffer, scene, step, layers):
     if step.fresh == 0:
         rates_now(buffer, scene, layers, moment)
     for attempt in range(2):
-        settled = kinks.settle_top(buffer, scene, layers, kinks.top_growth(buffer, layers))
+        growth = blocks.top_mass(buffer, blocks.K1, layers)
+        settled = kinks.settle_top(buffer, scene, layers, growth)
         if settled == layers or (attempt == 1 and settled > layers):
             break
         layers = settled
@@ -109,7 +110,7 @@ def look_ahead(buffer, scene, step, layers):
         step.before, step.length = 0.0, 0.0
     if state.work(buffer).recorded > 0:
         note_passage(buffer, scene, moment)
-    growth, before, h = kinks.top_growth(buffer, layers), step.before, step.length
+    growth, before, h = blocks.top_mass(buffer, blocks.K1, layers), step.before, step.length
     slope = (abs(growth) - abs(before)) / h if h > 0.0 and before * growth > 0.0 else 0.0
     load = blocks.stage_load(buffer, blocks.NOW)
     step.growth, step.distance = growth, kinks.mass_to_kink(buffer, scene, load, layers, growth)
@@ -161,7 +162,7 @@ def advance_explicit(buffer, scene, book, step, layers):
     if not paid:
         load = blocks.stage_load(buffer, blocks.NOW)
         past = layer_mass(load, layers - 1) < 0.0
-        implicit.carry_debts(blocks.stage_passed(buffer, blocks.NOW), load, layers)
+        implicit.pay_debts(buffer, blocks.NOW, layers)
         # Faces have debts in any layer: those that paid are filled.
         if reconstruction.reconstructed(buffer) or past:
             layers = restack(buffer, scene, load, layers)

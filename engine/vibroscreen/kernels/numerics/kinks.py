@@ -56,12 +56,9 @@ def mass_to_kink(buffer, scene, load, layers, growth):
     A layer runs out or is filled; the bed gets thinner or thicker than the contact layer.
     """
     mass = layer_mass(load, layers - 1)
-    if layers > 1:
-        full = scene.layer_full
-        distance = mass if growth < 0.0 else full - mass
-    else:
-        full = scene.contact_load
-        distance = mass - full if growth < 0.0 else full - mass
+    full = scene.layer_full if layers > 1 else scene.contact_load
+    thinner = mass if layers > 1 else mass - full
+    distance = thinner if growth < 0.0 else full - mass
     return distance if distance > miss_of(buffer, layers, growth) * full else 0.0
 
 
@@ -127,9 +124,3 @@ def settle_top(buffer, scene, layers, growth):
         vectors.clear_rows(load, layers, layers + 1)
         return layers + 1
     return layers
-
-
-@kernel
-def top_growth(buffer, layers):
-    """What the top layer gains, kg/(m2 s), by the rates in K1."""
-    return layer_mass(blocks.stage_load(buffer, blocks.K1), layers - 1)

@@ -43,7 +43,7 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
             within.integral_in_step(buffer, layers, h, a, b, scheme)
             held = blocks.stage_load(buffer, blocks.OF_PART)
             if layer_mass(held, layers - 1) < 0.0:  # the step goes past the top layer
-                implicit.carry_debts(blocks.stage_passed(buffer, blocks.OF_PART), held, layers)
+                implicit.pay_debts(buffer, blocks.OF_PART, layers)
             give_to_part(buffer, layers, h * (b - a))
         if end > moment + taken:
             return

@@ -5,16 +5,9 @@ from math import ceil, sqrt
 from vibroscreen.compiler.elementary import raised
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import (
-    blocks,
-    chain,
-    explicit,
-    kinks,
-    pair,
-    reconstruction,
-    within,
-)
-from vibroscreen.kernels.physics import layer, segregation
+from vibroscreen.kernels.numerics import blocks, chain, explicit, kinks, pair, within
+from vibroscreen.kernels.numerics.reconstruction import reconstructed
+from vibroscreen.kernels.physics import segregation
 
 # A step that should end where a layer runs out goes on for so much of what is expected; one that
 # would end a little before that is made longer by up to the second factor.
@@ -49,7 +42,7 @@ def has_kinks(buffer):
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
     partly = model == segregation.PROPORTIONAL and parameter.segregation_proportion > 0.0
-    return partly or model == segregation.CLASSIFIED or reconstruction.reconstructed(buffer)
+    return partly or model == segregation.CLASSIFIED or reconstructed(buffer)
 
 
 @kernel
@@ -133,9 +126,8 @@ def explicit_length(buffer, scene, book, step, layers):
     Into `step`: length, scheme, and the part of the step that lies before a kink.
     """
     counter = state.counters(buffer)
-    staged = blocks.stage_load(buffer, blocks.STAGED)
     full = scene.layer_full if layers > 1 else scene.contact_load
-    mass = layer.layer_mass(blocks.stage_load(buffer, blocks.NOW), layers - 1)
+    mass = blocks.top_mass(buffer, blocks.NOW, layers)
     miss = kinks.miss_of(buffer, layers, step.growth) * full
     sorted_bed = has_kinks(buffer)
     first = book.wide == 0.0 and state.work(buffer).parts > 0
@@ -147,7 +139,7 @@ def explicit_length(buffer, scene, book, step, layers):
         error = try_explicit(buffer, scene, step, layers) / allowed
         if scheme == explicit.PAIR and not sorted_bed and state.work(buffer).source_terms == 0:
             error *= max(LEAST_HIGHER, HIGHER * h * step.fastest)
-        moved = abs(layer.layer_mass(staged, layers - 1) - mass)
+        moved = abs(blocks.top_mass(buffer, blocks.STAGED, layers) - mass)
         lands = step.distance > 0.0 and moved > step.distance + miss and landings < 8
         if lands and passes:
             most = kinks.FORETOLD * kinks.OVER_MARGIN * kinks.allowance(buffer, scene, book, h)

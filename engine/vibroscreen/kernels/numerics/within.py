@@ -4,7 +4,6 @@ from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, explicit, pair
-from vibroscreen.kernels.physics.layer import layer_mass
 
 # Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
 D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
@@ -56,20 +55,15 @@ def combine_step(buffer, layers, h, start, whole, near, bend, more):
 
 
 @kernel
-def top_of(buffer, index, layers):
-    return layer_mass(blocks.stage_load(buffer, index), layers - 1)
-
-
-@kernel
 def part_to_kink(buffer, layers, h, scheme, change):
     """Part of an explicit step after which the top layer has changed by `change` kg/m2."""
-    d = top_of(buffer, blocks.STAGED, layers) - top_of(buffer, blocks.NOW, layers)
-    first = h * top_of(buffer, blocks.K1, layers) - d
-    second = d - first - h * top_of(buffer, blocks.K7, layers)
+    d = blocks.top_mass(buffer, blocks.STAGED, layers) - blocks.top_mass(buffer, blocks.NOW, layers)
+    first = h * blocks.top_mass(buffer, blocks.K1, layers) - d
+    second = d - first - h * blocks.top_mass(buffer, blocks.K7, layers)
     third = 0.0
     if scheme == explicit.PAIR:
         for stage, weight in BENT:
-            third += weight * top_of(buffer, stage, layers)
+            third += weight * blocks.top_mass(buffer, stage, layers)
         third *= h
     low, high, t = 0.0, 1.0, change / d
     for _ in range(60):

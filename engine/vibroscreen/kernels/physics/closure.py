@@ -10,6 +10,8 @@ OF_PASSAGE, OF_SEGREGATION = 0, 1
 # Depth of the bed for which the velocity of passage is given, in apertures: what is usual at most
 # at the discharge.
 USUAL_DEPTH = 4.0
+# Throw number for which the velocity of percolation is given: what screens are mostly run at.
+USUAL_THROW = 3.0
 # Throw number at which a flight lasts two periods.
 LONG_FLIGHT = 2.0 * pi
 
@@ -70,7 +72,7 @@ def passage_factor(harmonic, frequency, aperture, throw_number):
 
 
 @kernel
-def percolation_factor(harmonic, frequency, contact_depth):
-    """w over its value in a fully loose bed at V = sqrt(g h_c): looseness V/sqrt(g h_c) [1]."""
+def percolation_factor(harmonic, frequency, throw_number):
+    """w over its value in a fully loose bed at the usual throw number 3: looseness G/3 [1]."""
     loose = looseness(peak_acceleration(harmonic, frequency))
-    return loose * peak_normal_velocity(harmonic, frequency) / sqrt(GRAVITY * contact_depth)
+    return loose * throw_number / USUAL_THROW
