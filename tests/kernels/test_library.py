@@ -111,7 +111,7 @@ BITS = [
     ["699ae2bb575690d0", "0ae97e6e0f000f9a"],
     ["128d06d59f5766d0", "9f2f4ef377996882"],
     ["589379f6430c45e9", "d85b7a1849f0053a"],
-    ["1bc6ab250194ba00", "c0de8c190a0e4a2a"],
+    ["bd93b3dc7b30adbb", "35e3531e5c8fd290"],
 ]
 WALKED = [SCREENS / f"{name}.toml" for name in ("quarry", "two_deck", "banana", "dem_plate")]
 
