@@ -993,7 +993,7 @@ of the aperture on each (c_d as recommended). A closure that knows how apertures
 no powers.
 
 {markdown(study.closures, 4)}
-Powers that are given, default motion, no closure (the closure itself has 1/4 and -1):
+Powers that are given, default motion, no closure (the closure itself has 0 to 1/2, and 0):
 
 {markdown(study.powers, 4)}
 What the closure makes of u and w at each aperture, under the default motion and under the motion by
