@@ -413,7 +413,10 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
 
 def _parameter(config: ScreenConfig, variable: Variable) -> float:
     """A parameter as the engine holds it: a choice by its place, from 1 on."""
-    value = getattr(getattr(config, variable.section), variable.field)
+    section = getattr(config, variable.section)
+    value = getattr(section, "effective", {}).get(variable.field)
+    if value is None:
+        value = getattr(section, variable.field)
     if isinstance(variable.entry, Choice):
         return float(variable.entry.names().index(value) + 1)
     if (variable.section, variable.field) == ("passage", "velocity"):

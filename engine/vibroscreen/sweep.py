@@ -29,6 +29,7 @@ from vibroscreen.screen import (
     settings_of,
     slice_layout,
 )
+from vibroscreen.sections import BESIDE
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
@@ -279,6 +280,17 @@ def _put_columns(
                 name,
             )
         settings[:, known[name]] = column
+    for name, beside in BESIDE.items():
+        for one, other in ((name, beside), (beside, name)):
+            section, field = other.split(".")
+            left_out = getattr(getattr(config, section), field) is None
+            if one in columns and other not in columns and left_out:
+                settings[:, known[other]] = 0.0
+    layers = ("bed.layer_depth", "bed.relative_layer_depth")
+    left_out = config.bed.layer_depth is None and config.bed.relative_layer_depth is None
+    if left_out and not columns.keys() & set(layers):
+        for layer in layers:
+            settings[:, known[layer]] = settings[:, known[layer.replace("layer", "contact")]]
 
 
 def _setting(config: ScreenConfig, layout: Layout) -> tuple[Array, Array]:
