@@ -28,6 +28,7 @@ from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_frictio
 from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.sections import (
+    CLOSURES,
     Bed,
     Deck,
     Displacement,
@@ -250,12 +251,14 @@ class ScreenConfig:
 
     def explicit(self) -> ScreenConfig:
         """The same screen with every number written that goes with the aperture or follows."""
-        told = {}
+        told: dict[str, Any] = {}
         for name in ("passage", "segregation", "bed"):
             section = getattr(self, name)
-            numbers = dict(section.effective)
+            numbers: dict[str, Any] = dict(section.effective)
             if name == "passage" and self.passage.velocity_table is not None:
                 del numbers["velocity"]
+            if name != "bed":
+                numbers["closure"] = CLOSURES[section.follows_vibration]
             told[name] = dataclasses.replace(section, **numbers)
         return self.replace(**told)
 

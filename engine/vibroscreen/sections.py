@@ -392,7 +392,9 @@ class Passage:
         tells=f"How much higher than the deck throws a lone grain bounces{BOUNCE}",
         cure="0 is for grains that land softly",
     )
-    closure: str = said("vibration", Choice("closure", lambda: CLOSURES, variability=""))
+    closure: str | None = said(
+        None, Choice("closure", lambda: CLOSURES, variability="", optional=True)
+    )
     relative_velocity: float | None = number(
         None,
         "relative_velocity",
@@ -418,6 +420,12 @@ class Passage:
         usual = PASSAGE_VELOCITY if self.velocity_table is None else 0.0
         velocity, relative = _pair(self.velocity, self.relative_velocity, usual)
         return {"velocity": velocity, "relative_velocity": relative}
+
+    @property
+    def follows_vibration(self) -> bool:
+        """Whether the velocity follows from the vibration: a velocity in m/s does if told to."""
+        plain = self.velocity is None and self.velocity_table is None
+        return plain if self.closure is None else self.closure == "vibration"
 
     def velocity_at(self, aperture: float) -> float:
         """Velocity of grains through openings of that aperture [m], in m/s.
@@ -519,7 +527,9 @@ class Segregation:
         tells="Velocity at which layers exchange grains whatever their size",
         cure="0 only sorts",
     )
-    closure: str = said("vibration", Choice("closure", lambda: CLOSURES, variability=""))
+    closure: str | None = said(
+        None, Choice("closure", lambda: CLOSURES, variability="", optional=True)
+    )
     relative_velocity: float | None = number(
         None,
         "relative_velocity",
@@ -534,6 +544,11 @@ class Segregation:
 
     def __post_init__(self) -> None:
         check_fields(self, "segregation")
+
+    @property
+    def follows_vibration(self) -> bool:
+        """Whether the velocities follow from the vibration: one in m/s does if told to."""
+        return self.velocity is None if self.closure is None else self.closure == "vibration"
 
     @property
     def effective(self) -> dict[str, float]:
