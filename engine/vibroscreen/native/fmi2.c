@@ -182,8 +182,9 @@ static fmi2Status refuse(const Screen *screen, int text, Told told) {
 /* Whether a value is far out of its range, and in it as a number of the unit that it is mistaken for. */
 static int in_another_unit(const double *buffer, int64_t place, Told told) {
     const double *range = buffer + (int64_t) buffer[AT_LIMIT] + 2 * (place - PARAMETERS);
-    int far = fabs(told.value) > FAR * fmax(fabs(range[0]), fabs(range[1])) || told.value < range[0] / FAR;
-    return far && range[0] <= told.meant && told.meant <= range[1];
+    int distant =
+        fabs(told.value) > FAR_OUT * fmax(fabs(range[0]), fabs(range[1])) || told.value < range[0] / FAR_OUT;
+    return distant && range[0] <= told.meant && told.meant <= range[1];
 }
 
 /* Tell what the kernels refuse. */

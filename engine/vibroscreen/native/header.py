@@ -84,7 +84,7 @@ def header(engine: str, suffix: str) -> str:
         "OWN_MODELS": len(OWN),
         "TEXTS": len(texts()),
         "EXCHANGE": EXCHANGE,
-        "FAR": FAR,
+        "FAR_OUT": FAR,  # windef.h has a FAR of its own
         "COMMAND_INITIALISE": INITIALISE,
         "COMMAND_ADVANCE": ADVANCE,
         "COMMAND_READ": READ,

@@ -58,9 +58,9 @@ def factors(frequency: float, amplitude: float, normal: float) -> tuple[float, f
     speed = 2.0 * math.pi * frequency
     loose = max(0.0, 1.0 - 1.0 / (amplitude * speed**2 / GRAVITY) ** 2)
     high = (normal * speed) ** 2 / (2.0 * GRAVITY)
-    flight = normal * speed**2 / GRAVITY / (2.0 * math.pi)
-    of_u = loose**2 / math.sqrt(1.0 + high / (4.0 * APERTURE)) / (1.0 + flight**4)
-    return of_u, loose * normal * speed / math.sqrt(GRAVITY * CONTACT)
+    throw = normal * speed**2 / GRAVITY
+    of_u = loose**2 / math.sqrt(1.0 + high / (4.0 * APERTURE))
+    return of_u / (1.0 + (throw / (2.0 * math.pi)) ** 4), loose * throw / 3.0
 
 
 @pytest.mark.parametrize("law", LAWS)
