@@ -320,7 +320,7 @@ class Choice(Entry):
     variability: str = "fixed"
     optional: bool = False
 
-    def check(self, name: str, value: Any) -> str | None:
+    def check(self, name: str, value: Any) -> Any:
         if value is None and self.optional:
             return None
         known = self.names()

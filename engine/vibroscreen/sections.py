@@ -64,10 +64,10 @@ BESIDE = {
     "bed.contact_depth": "bed.relative_contact_depth",
     "bed.layer_depth": "bed.relative_layer_depth",
 }
-# Numbers of typical practice with dry stone, fitted to the sizing rules of VSMA and of Karra over
-# apertures of 1.6 to 102 mm (engine/validation/typical_practice.py): velocities of passage and
-# percolation over sqrt(g aperture), dilation over the mean grain, contact depth in apertures.
-PASSAGE_VELOCITY, PERCOLATION_VELOCITY, DILATION, CONTACT_DEPTH = 0.56, 0.034, 0.8, 1.0
+# What is taken where neither a number nor its part of the aperture is given: the number, the part.
+PASSAGE_VELOCITY = PERCOLATION_VELOCITY = (0.1, 0.0)  # m/s, over sqrt(g aperture)
+DILATION = (1.0 * MM, 0.0)  # m, over the mean grain size
+CONTACT_DEPTH = (20.0 * MM, 0.0)  # m, over the aperture
 BOUNCE = ", used by the passage law bounce"
 
 
@@ -136,10 +136,12 @@ def _table_of_file(name: str, path: Path) -> list[list[float]]:
         ) from None
 
 
-def _pair(fixed: float | None, relative: float | None, usual: float) -> tuple[float, float]:
-    """A number and what goes with the aperture: that is `usual` where neither of them is given."""
+def _pair(
+    fixed: float | None, relative: float | None, usual: tuple[float, float]
+) -> tuple[float, float]:
+    """A number and its part of the aperture; `usual` where neither of them is given."""
     if fixed is None and relative is None:
-        return 0.0, usual
+        return usual
     return fixed or 0.0, relative or 0.0
 
 
@@ -278,7 +280,7 @@ class Displacement:
     """Model of the transport along the deck; velocity [m/s] is what `prescribed` takes."""
 
     model: str = said(
-        "bed",
+        "rigid_body",
         Choice(
             "model",
             lambda: registry.names("displacement"),
@@ -417,15 +419,15 @@ class Passage:
     @property
     def effective(self) -> dict[str, float]:
         """Velocity [m/s], and over sqrt(g aperture) [1], as the engine has them."""
-        usual = PASSAGE_VELOCITY if self.velocity_table is None else 0.0
+        usual = PASSAGE_VELOCITY if self.velocity_table is None else (0.0, 0.0)
         velocity, relative = _pair(self.velocity, self.relative_velocity, usual)
         return {"velocity": velocity, "relative_velocity": relative}
 
     @property
     def follows_vibration(self) -> bool:
         """Whether the velocity follows from the vibration: a velocity in m/s does if told to."""
-        plain = self.velocity is None and self.velocity_table is None
-        return plain if self.closure is None else self.closure == "vibration"
+        given = self.relative_velocity is not None and self.velocity is None
+        return given if self.closure is None else self.closure == "vibration"
 
     def velocity_at(self, aperture: float) -> float:
         """Velocity of grains through openings of that aperture [m], in m/s.
@@ -548,7 +550,8 @@ class Segregation:
     @property
     def follows_vibration(self) -> bool:
         """Whether the velocities follow from the vibration: one in m/s does if told to."""
-        return self.velocity is None if self.closure is None else self.closure == "vibration"
+        given = self.relative_velocity is not None and self.velocity is None
+        return given if self.closure is None else self.closure == "vibration"
 
     @property
     def effective(self) -> dict[str, float]:
@@ -605,7 +608,7 @@ class Bed:
             ),
         ),
     )
-    layers: int = number(32, "layers", whole=True, at_least=2, at_most=10_000, variability="")
+    layers: int = number(16, "layers", whole=True, at_least=2, at_most=10_000, variability="")
     reconstruction: str = said(
         "none", Choice("reconstruction", lambda: RECONSTRUCTIONS, variability="")
     )
@@ -629,14 +632,16 @@ class Bed:
 
     def __post_init__(self) -> None:
         check_fields(self, "bed")
+        if self.layer_depth is None and self.relative_layer_depth is None:
+            depth, relative = _pair(self.contact_depth, self.relative_contact_depth, CONTACT_DEPTH)
+            object.__setattr__(self, "layer_depth", depth)
+            object.__setattr__(self, "relative_layer_depth", relative or None)
 
     @property
     def effective(self) -> dict[str, float]:
         """Depths of the contact layer [m, apertures] and of those above, as the engine has them."""
         contact = _pair(self.contact_depth, self.relative_contact_depth, CONTACT_DEPTH)
-        layer = contact
-        if self.layer_depth is not None or self.relative_layer_depth is not None:
-            layer = _pair(self.layer_depth, self.relative_layer_depth, 0.0)
+        layer = _pair(self.layer_depth, self.relative_layer_depth, contact)
         names = ("contact_depth", "relative_contact_depth", "layer_depth", "relative_layer_depth")
         return dict(zip(names, (*contact, *layer), strict=True))
 
