@@ -82,7 +82,7 @@ def opened(config: ScreenConfig, aperture: float) -> ScreenConfig:
     factor = math.sqrt(aperture / config.decks[0].panels[0].aperture)
     values = {
         "deck[1].panel[1].aperture": aperture,
-        "passage.velocity": factor * config.passage.velocity,
+        "passage.velocity": factor * config.value_of("passage.velocity"),
     }
     return config.with_values(values)
 

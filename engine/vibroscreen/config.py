@@ -28,6 +28,7 @@ from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_frictio
 from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.sections import (
+    CLOSURES,
     Bed,
     Deck,
     Displacement,
@@ -243,9 +244,23 @@ class ScreenConfig:
         if name == "passage.velocity":
             return self.passage.velocity_at(self.decks[0].panels[0].aperture)
         for attribute, place in _steps_to(self, name):
-            part = getattr(part, attribute)
+            told = getattr(part, "effective", {}).get(attribute)
+            part = getattr(part, attribute) if told is None else told
             part = part if place is None else part[place]
         return float(part)
+
+    def explicit(self) -> ScreenConfig:
+        """The same screen with every number written that goes with the aperture or follows."""
+        told: dict[str, Any] = {}
+        for name in ("passage", "segregation", "bed"):
+            section = getattr(self, name)
+            numbers: dict[str, Any] = dict(section.effective)
+            if name == "passage" and self.passage.velocity_table is not None:
+                del numbers["velocity"]
+            if name != "bed":
+                numbers["closure"] = CLOSURES[section.follows_vibration]
+            told[name] = dataclasses.replace(section, **numbers)
+        return self.replace(**told)
 
     def with_values(self, values: Mapping[str, float]) -> ScreenConfig:
         """The same screen with other numbers by name of the FMU's variables, SI, checked again.
@@ -334,7 +349,7 @@ def _steps_to(config: ScreenConfig, name: str) -> Iterator[_Step]:
         match = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", word)
         attribute, place = (match[1], match[2]) if match else (word, None)
         attribute = {"deck": "decks", "panel": "panels"}.get(attribute, attribute)
-        part = getattr(part, attribute, None)
+        part = getattr(part, "effective", {}).get(attribute, getattr(part, attribute, None))
         if place is not None:
             part = (
                 part[int(place) - 1]

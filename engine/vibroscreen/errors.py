@@ -36,6 +36,8 @@ TEXT = {
     "({limit:.6g} m): set both to the same",
     "not_ascending": "{given} is not larger than the limit below it ({limit:.6g} {unit}): list the "
     "limits finest first, and what belongs to them in the same order",
+    "no_layer": "{given} leaves the bed without layers: give a depth, or relative_contact_depth in "
+    "apertures",
     "short_deck": "{given} is larger than the deck is long ({limit:.6g} {unit}): give the clear "
     "opening of the medium",
     "unequal_decks": "{name}: this deck is {value:.6g} m long, deck[1] is {limit:.6g} m: decks of "

@@ -309,7 +309,8 @@ class Text(Entry):
 class Choice(Entry):
     """One of the names that `names()` lists; in the engine its place there, from 1 on.
 
-    tells and variability: as of a Number; meanings: what a reader is told of each name.
+    tells and variability: as of a Number; meanings: what a reader is told of each name. optional:
+    whether it may be left out, as None.
     """
 
     key: str
@@ -317,8 +318,11 @@ class Choice(Entry):
     tells: str = ""
     meanings: tuple[str, ...] = ()
     variability: str = "fixed"
+    optional: bool = False
 
-    def check(self, name: str, value: Any) -> str:
+    def check(self, name: str, value: Any) -> Any:
+        if value is None and self.optional:
+            return None
         known = self.names()
         if value in known:
             return str(value)

@@ -26,7 +26,7 @@ from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
 from vibroscreen.motion import Harmonic, Motion, transport_velocity
 from vibroscreen.results import Rows, StepResult, box_of, reasons
-from vibroscreen.sections import CLOSURES, RECONSTRUCTIONS, Deck
+from vibroscreen.sections import RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
 from vibroscreen.stream import Feed, Stream
@@ -401,8 +401,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
         layout.view(buffer, "passage_factor")[d, :count] = _passage_factors(config, deck)
     put("switch", 1.0)
     put("reconstruction", RECONSTRUCTIONS.index(config.bed.reconstruction))
-    closures = (config.passage.closure, config.segregation.closure)
-    put("closure", [CLOSURES.index(closure) for closure in closures])
+    put("closure", [config.passage.follows_vibration, config.segregation.follows_vibration])
     put("harmonic", config.motion.harmonic_rows)
     put("fraction", config.feed.mass_fraction)  # also of a duty of 0 kg/s
     if nodes is not None:
@@ -413,7 +412,10 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
 
 def _parameter(config: ScreenConfig, variable: Variable) -> float:
     """A parameter as the engine holds it: a choice by its place, from 1 on."""
-    value = getattr(getattr(config, variable.section), variable.field)
+    section = getattr(config, variable.section)
+    value = getattr(section, "effective", {}).get(variable.field)
+    if value is None:
+        value = getattr(section, variable.field)
     if isinstance(variable.entry, Choice):
         return float(variable.entry.names().index(value) + 1)
     if (variable.section, variable.field) == ("passage", "velocity"):

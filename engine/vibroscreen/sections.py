@@ -56,6 +56,18 @@ LONGEST, WIDEST = 30.0, 10.0  # m
 FINEST, COARSEST = 0.02 * MM, 0.5  # m
 STEEPEST = 45.0 * DEG
 MOST_OPEN = 0.95
+# Numbers of which a part goes with the aperture, and that part.
+BESIDE = {
+    "passage.velocity": "passage.relative_velocity",
+    "segregation.velocity": "segregation.relative_velocity",
+    "segregation.dilation": "segregation.relative_dilation",
+    "bed.contact_depth": "bed.relative_contact_depth",
+    "bed.layer_depth": "bed.relative_layer_depth",
+}
+# What is taken where neither a number nor its part of the aperture is given: the number, the part.
+PASSAGE_VELOCITY = PERCOLATION_VELOCITY = (0.1, 0.0)  # m/s, over sqrt(g aperture)
+DILATION = (1.0 * MM, 0.0)  # m, over the mean grain size
+CONTACT_DEPTH = (20.0 * MM, 0.0)  # m, over the aperture
 BOUNCE = ", used by the passage law bounce"
 
 
@@ -122,6 +134,15 @@ def _table_of_file(name: str, path: Path) -> list[list[float]]:
             f"{name} = {path}, line {rows.line_num} after the comments: {error}: "
             "give a number in every column"
         ) from None
+
+
+def _pair(
+    fixed: float | None, relative: float | None, usual: tuple[float, float]
+) -> tuple[float, float]:
+    """A number and its part of the aperture; `usual` where neither of them is given."""
+    if fixed is None and relative is None:
+        return usual
+    return fixed or 0.0, relative or 0.0
 
 
 @dataclass(frozen=True)
@@ -315,16 +336,17 @@ class Passage:
             ),
         ),
     )
-    velocity: float = number(
-        0.1,
+    velocity: float | None = number(
+        None,
         "velocity_m_s",
         "m/s",
         at_least=0.0,
         at_most=100.0,
+        optional=True,
         variability="tunable",
-        tells="Velocity at which grains fall through the openings; scales how fast the screen "
-        "works",
-        cure="0 closes the deck",
+        tells="Velocity at which grains fall through the openings, beside what relative_velocity "
+        "adds; scales how fast the screen works",
+        cure="0 closes the deck where relative_velocity is 0 too",
     )
     velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
     rim: float = number(
@@ -372,14 +394,40 @@ class Passage:
         tells=f"How much higher than the deck throws a lone grain bounces{BOUNCE}",
         cure="0 is for grains that land softly",
     )
-    closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
+    closure: str | None = said(
+        None, Choice("closure", lambda: CLOSURES, variability="", optional=True)
+    )
+    relative_velocity: float | None = number(
+        None,
+        "relative_velocity",
+        at_least=0.0,
+        at_most=100.0,
+        optional=True,
+        variability="tunable",
+        tells="Velocity at which grains fall through the openings over sqrt(g aperture), beside "
+        "passage.velocity",
+        cure="0 leaves what velocity says",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "passage")
-        if self.velocity_table is not None and self.velocity != Passage.velocity:
+        if self.velocity_table is not None and self.velocity is not None:
             raise ConfigError(
                 told_of(Passage, "velocity", "passage", "two_velocities", self.velocity)
             )
+
+    @property
+    def effective(self) -> dict[str, float]:
+        """Velocity [m/s], and over sqrt(g aperture) [1], as the engine has them."""
+        usual = PASSAGE_VELOCITY if self.velocity_table is None else (0.0, 0.0)
+        velocity, relative = _pair(self.velocity, self.relative_velocity, usual)
+        return {"velocity": velocity, "relative_velocity": relative}
+
+    @property
+    def follows_vibration(self) -> bool:
+        """Whether the velocity follows from the vibration: a velocity in m/s does if told to."""
+        given = self.relative_velocity is not None and self.velocity is None
+        return given if self.closure is None else self.closure == "vibration"
 
     def velocity_at(self, aperture: float) -> float:
         """Velocity of grains through openings of that aperture [m], in m/s.
@@ -389,7 +437,7 @@ class Passage:
         if (end := self.off_table(aperture)) is not None:
             raise ConfigError(told_of(Panel, "aperture", "panel", "off_table", aperture, end))
         if self.velocity_table is None:
-            return self.velocity
+            return self.effective["velocity"]
         apertures, velocities = zip(*self.velocity_table, strict=True)
         return float(np.interp(aperture, apertures, velocities))
 
@@ -428,25 +476,29 @@ class Segregation:
             ),
         ),
     )
-    velocity: float = number(
-        0.1,
+    velocity: float | None = number(
+        None,
         "velocity_m_s",
         "m/s",
         at_least=0.0,
         at_most=100.0,
+        optional=True,
         variability="tunable",
-        tells="Velocity at which fine grains percolate down through the bed",
-        cure="0 switches percolation off",
+        tells="Velocity at which fine grains percolate down through the bed, beside what "
+        "relative_velocity adds",
+        cure="0 switches percolation off where relative_velocity is 0 too",
     )
-    dilation: float = number(
-        1.0 * MM,
+    dilation: float | None = number(
+        None,
         "dilation_mm",
         "m",
         MM,
         at_least=0.0,
         at_most=1.0,
+        optional=True,
         variability="tunable",
-        tells="Extra distance between grains by shaking; opens the gaps for fine grains",
+        tells="Extra distance between grains by shaking, beside what relative_dilation adds; opens "
+        "the gaps for fine grains",
     )
     proportion: float = number(
         0.5,
@@ -457,11 +509,12 @@ class Segregation:
         tells="Sorted share of the bed, used by the segregation model proportional",
         cure="give a part of one",
     )
-    relative_dilation: float = number(
-        0.0,
+    relative_dilation: float | None = number(
+        None,
         "relative_dilation",
         at_least=0.0,
         at_most=10.0,
+        optional=True,
         variability="tunable",
         tells="Extra distance between grains by shaking, over their mean size",
         cure="give a part of the mean grain size",
@@ -476,14 +529,37 @@ class Segregation:
         tells="Velocity at which layers exchange grains whatever their size",
         cure="0 only sorts",
     )
-    closure: str = said("none", Choice("closure", lambda: CLOSURES, variability=""))
+    closure: str | None = said(
+        None, Choice("closure", lambda: CLOSURES, variability="", optional=True)
+    )
+    relative_velocity: float | None = number(
+        None,
+        "relative_velocity",
+        at_least=0.0,
+        at_most=100.0,
+        optional=True,
+        variability="tunable",
+        tells="Velocity at which fine grains percolate down through the bed over sqrt(g aperture), "
+        "beside segregation.velocity",
+        cure="0 leaves what velocity says",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "segregation")
 
+    @property
+    def follows_vibration(self) -> bool:
+        """Whether the velocities follow from the vibration: one in m/s does if told to."""
+        given = self.relative_velocity is not None and self.velocity is None
+        return given if self.closure is None else self.closure == "vibration"
 
-# Put in the place of a layer depth that is not given; no Bed keeps it.
-_AS_CONTACT_DEPTH: Any = None
+    @property
+    def effective(self) -> dict[str, float]:
+        """Velocity [m/s, over sqrt(g aperture)], dilation [m, 1], as the engine has them."""
+        velocity = _pair(self.velocity, self.relative_velocity, PERCOLATION_VELOCITY)
+        dilation = _pair(self.dilation, self.relative_dilation, DILATION)
+        names = ("velocity", "relative_velocity", "dilation", "relative_dilation")
+        return dict(zip(names, (*velocity, *dilation), strict=True))
 
 
 @dataclass(frozen=True)
@@ -497,24 +573,27 @@ class Bed:
     the paper; "linear" where the layers are a grid to be refined (MODEL.md, "Segregation").
     """
 
-    contact_depth: float = number(
-        20.0 * MM,
+    contact_depth: float | None = number(
+        None,
         "contact_depth_mm",
         "m",
         MM,
-        at_least=1e-9,
+        at_least=0.0,
         at_most=5.0,
-        tells="Depth of the layer from which grains can reach the openings",
+        optional=True,
+        tells="Depth of the layer from which grains can reach the openings, beside what "
+        "relative_contact_depth adds",
     )
-    layer_depth: float = number(
-        _AS_CONTACT_DEPTH,
+    layer_depth: float | None = number(
+        None,
         "layer_depth_mm",
         "m",
         MM,
-        at_least=1e-9,
+        at_least=0.0,
         at_most=5.0,
         optional=True,
-        tells="Depth of the layers above, the mixing length of the bed",
+        tells="Depth of the layers above, the mixing length of the bed, beside what "
+        "relative_layer_depth adds",
     )
     initial: str = said(
         "empty",
@@ -534,10 +613,37 @@ class Bed:
         "none", Choice("reconstruction", lambda: RECONSTRUCTIONS, variability="")
     )
 
+    relative_contact_depth: float | None = number(
+        None,
+        "relative_contact_depth",
+        at_least=0.0,
+        at_most=100.0,
+        optional=True,
+        tells="Depth of the layer from which grains can reach the openings, in apertures",
+    )
+    relative_layer_depth: float | None = number(
+        None,
+        "relative_layer_depth",
+        at_least=0.0,
+        at_most=100.0,
+        optional=True,
+        tells="Depth of the layers above, in apertures",
+    )
+
     def __post_init__(self) -> None:
         check_fields(self, "bed")
-        if self.layer_depth is None:
-            object.__setattr__(self, "layer_depth", self.contact_depth)
+        if self.layer_depth is None and self.relative_layer_depth is None:
+            depth, relative = _pair(self.contact_depth, self.relative_contact_depth, CONTACT_DEPTH)
+            object.__setattr__(self, "layer_depth", depth)
+            object.__setattr__(self, "relative_layer_depth", relative or None)
+
+    @property
+    def effective(self) -> dict[str, float]:
+        """Depths of the contact layer [m, apertures] and of those above, as the engine has them."""
+        contact = _pair(self.contact_depth, self.relative_contact_depth, CONTACT_DEPTH)
+        layer = _pair(self.layer_depth, self.relative_layer_depth, contact)
+        names = ("contact_depth", "relative_contact_depth", "layer_depth", "relative_layer_depth")
+        return dict(zip(names, (*contact, *layer), strict=True))
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -29,6 +30,7 @@ from vibroscreen.screen import (
     settings_of,
     slice_layout,
 )
+from vibroscreen.sections import BESIDE
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
@@ -38,6 +40,7 @@ Array = NDArray[np.float64]
 
 # Designs that a thread takes at a time.
 CHUNK = 64
+ANY = 1e-3  # in the place of a number that a column brings
 FEED_FRACTION = "feed.mass_fraction"
 # Alarms in the order of the bits of `SteadyTable.alarms`.
 ALARM_NAMES = tuple(alarm.name for alarm in ALARMS)
@@ -141,7 +144,8 @@ def solve_steady_many(
     if refused not in ("raise", "mark"):
         raise InputError(f'refused = {refused!r} is unknown: give "raise" or "mark"', "refused")
     if isinstance(designs, ScreenConfig):
-        base, given = designs, _columns(designs, values or {})
+        given = _columns(designs, values or {})
+        base = _begun(designs, given.keys())
         settings, harmonics = _settings_of_values(base, given)
     else:
         if values:
@@ -162,7 +166,8 @@ class Sweep:
     def __init__(self, designs: Sequence[ScreenConfig]) -> None:
         self.base = _common(designs)
         self._tables = any(config.passage.velocity_table is not None for config in designs)
-        self._settings, self._harmonics = _settings_of_configs(designs)
+        self._designs = tuple(designs)
+        self._begin = functools.lru_cache(maxsize=4)(self._begun)
         self._known = places(self.base)
 
     def solve(
@@ -178,30 +183,39 @@ class Sweep:
         of `solve_steady_many`.
         """
         columns = _columns(self.base, values)
-        count = len(next(iter(columns.values()))) if columns else len(self._settings)
-        repeat, rest = divmod(count, len(self._settings))
+        base, own, rows = self._begin(tuple(columns))
+        count = len(next(iter(columns.values()))) if columns else len(own)
+        repeat, rest = divmod(count, len(own))
         if rest:
             raise InputError(
-                f"values have {count} rows for {len(self._settings)} designs: give a multiple",
+                f"values have {count} rows for {len(own)} designs: give a multiple",
                 "values",
             )
-        settings = np.tile(self._settings, (repeat, 1))
-        _put_columns(self.base, columns, settings, self._known)
+        settings = np.tile(own, (repeat, 1))
+        _put_columns(base, columns, settings, self._known)
         if self._tables and any(name.endswith(".aperture") for name in columns):
             raise InputError(
                 "apertures change under passage.velocity_table: give passage.velocity", "values"
             )
-        harmonics = np.tile(self._harmonics, (repeat, 1))
-        return _table(
-            self.base,
-            columns,
-            settings,
-            _solve(self.base, settings, harmonics, threads, None),
-            refused,
-        )
+        solved = _solve(base, settings, np.tile(rows, (repeat, 1)), threads, None)
+        return _table(base, columns, settings, solved, refused)
+
+    def _begun(self, names: tuple[str, ...]) -> tuple[ScreenConfig, Array, Array]:
+        """First configuration, settings and harmonics, before numbers of these names are put in."""
+        designs = [_begun(design, names) for design in self._designs]
+        return designs[0], *_settings_of_configs(designs)
 
 
 # --- what is asked for ---------------------------------------------------------------------------
+def _begun(config: ScreenConfig, names: Collection[str]) -> ScreenConfig:
+    """A configuration that gives the numbers of these names, so that nothing else stands for them.
+
+    What it gives is written over by the columns.
+    """
+    given = [name for name in names if name in BESIDE or name in BESIDE.values()]
+    return config.with_values({name: config.value_of(name) or ANY for name in given})
+
+
 def _columns(config: ScreenConfig, values: Mapping[str, ArrayLike]) -> dict[str, Array]:
     """Values by name as columns of one length."""
     columns: dict[str, Array] = {}
@@ -325,6 +339,7 @@ def _common(configs: Sequence[ScreenConfig]) -> ScreenConfig:
             "bed.layers": config.bed.layers,
             "solver": config.solver,
             "passage.velocity_table over panels": _passage_of_panels(config),
+            "closure": (config.passage.follows_vibration, config.segregation.follows_vibration),
         }
 
     first = structure(configs[0])

@@ -142,7 +142,7 @@ class ScreenSlave(RowSlave):
 @functools.lru_cache(maxsize=4)
 def _read(resources: str) -> tuple[ScreenConfig, tuple[Port, ...]]:
     """What an FMU was built for, read once for all of its instances."""
-    config = ScreenConfig.load(Path(resources) / CONFIG_FILE)
+    config = ScreenConfig.load(Path(resources) / CONFIG_FILE).explicit()
     return config, ports(config)
 
 

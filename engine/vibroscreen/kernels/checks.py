@@ -20,6 +20,8 @@ BED = 3  # the last displacement model that is built in
 PASSAGE_LAW = state.PARAMETER.index("passage_law")
 SEGREGATION_MODEL = state.PARAMETER.index("segregation_model")
 DISPLACEMENT_MODEL = state.PARAMETER.index("displacement_model")
+CONTACT_DEPTH = state.PARAMETER.index("bed_contact_depth")
+LEAST_DEPTH = 1e-9  # m, of a layer
 LENGTH, APERTURE = state.PANEL.index("length"), state.PANEL.index("aperture")
 
 
@@ -116,6 +118,20 @@ def check_layers(buffer):
 
 
 @kernel
+def contact_depth(buffer, panel):
+    """Depth of the contact layer on a panel, m."""
+    parameter = state.parameters(buffer)
+    return parameter.bed_contact_depth + parameter.bed_relative_contact_depth * panel.aperture
+
+
+@kernel
+def layer_depth(buffer, panel):
+    """Depth of the layers above on a panel, m."""
+    parameter = state.parameters(buffer)
+    return parameter.bed_layer_depth + parameter.bed_relative_layer_depth * panel.aperture
+
+
+@kernel
 def check_decks(buffer):
     """Check that decks are equally long, longer than their apertures, and never coarser below."""
     first, above = deck_length(buffer, 0), inf
@@ -129,6 +145,9 @@ def check_decks(buffer):
                 return refuse(buffer, state.REFUSED.short_deck, place, panel.aperture, length)
             if panel.aperture > above and panel.open_area > 0.0:
                 return refuse(buffer, state.REFUSED.coarser_below, place, panel.aperture, above)
+            if min(contact_depth(buffer, panel), layer_depth(buffer, panel)) < LEAST_DEPTH:
+                place = int(buffer[state.AT.parameter]) + CONTACT_DEPTH
+                return refuse(buffer, state.REFUSED.no_layer, place, buffer[place], LEAST_DEPTH)
             coarsest = max(coarsest, panel.aperture)
         above = coarsest
         if abs(length - first) > SAME_LENGTH * max(length, first):

@@ -1,11 +1,10 @@
 """What a panel offers to the sub-models: medium, vibration, velocity of its bed."""
 
-from math import isfinite
+from math import isfinite, sqrt
 
 from vibroscreen.compiler.language import kernel, numbers, view2
-from vibroscreen.kernels import state
+from vibroscreen.kernels import checks, state
 from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
-from vibroscreen.kernels.checks import BED, DISPLACEMENT_MODEL, refuse
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import closure, motion
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
@@ -64,7 +63,7 @@ def solve_displacement(buffer, deck, number):
         prescribed(harmonic, drive, result, work)
     elif model == RIGID_BODY:
         rigid_body(harmonic, drive, result, work)
-    elif model == BED:
+    elif model == checks.BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
         motion.call_displacement(extent.displacement_address, harmonic, drive, result, work)
@@ -82,10 +81,10 @@ def set_transport(buffer, deck, number, scene):
     if result[6] == 1.0:
         place = state.panel_place(buffer, deck, number) + INCLINATION
         friction = state.vector(buffer, state.AT.drive_setting, 5, 0)[2]
-        return refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
+        return checks.refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
-        place = int(buffer[state.AT.parameter]) + DISPLACEMENT_MODEL
-        return refuse(buffer, state.REFUSED.no_velocity, place, result[0], 0.0)
+        place = int(buffer[state.AT.parameter]) + checks.DISPLACEMENT_MODEL
+        return checks.refuse(buffer, state.REFUSED.no_velocity, place, result[0], 0.0)
     scene.transport_velocity = max(0.0, result[0])
     scene.dissipation = result[4]
     scene.throw_number = result[5]
@@ -157,15 +156,17 @@ def set_scene(buffer, deck, number, scene):
     alive = 1.0 if vibrates(buffer) else 0.0
     density = parameter.material_bulk_density
     scene.density = density
-    scene.contact_load = density * parameter.bed_contact_depth
-    scene.layer_load = density * parameter.bed_layer_depth
+    scene.contact_load = density * checks.contact_depth(buffer, panel)
+    scene.layer_load = density * checks.layer_depth(buffer, panel)
     offered, said = numbers(scene), numbers(parameter)
     for to, come in state.OF_LAWS:
         offered[to] = said[come]
     panels = state.extent(buffer).panels
     factor = state.vector(buffer, state.AT.passage_factor, panels, deck)[number]
-    scene.passage_velocity = alive * parameter.passage_velocity * factor
-    scene.segregation_velocity = alive * parameter.segregation_velocity
+    fall = sqrt(motion.GRAVITY * panel.aperture)
+    passing = parameter.passage_velocity * factor + parameter.passage_relative_velocity * fall
+    sinking = parameter.segregation_velocity + parameter.segregation_relative_velocity * fall
+    scene.passage_velocity, scene.segregation_velocity = alive * passing, alive * sinking
     scene.mixing = alive * parameter.segregation_mixing
     close_scene(buffer, deck, number, scene)
     scene.aperture, scene.open_area = panel.aperture, panel.open_area

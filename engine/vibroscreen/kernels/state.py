@@ -42,13 +42,11 @@ REASONS = Places(
 # deck: counted from 1, 0 for the box.
 ALARM = Record("reason deck value limit other")
 
-# Numbers of passage and segregation, which sub-models read under the name of their field; the two
-# velocities under the whole one.
-_LAWS = {
-    v.scalar if v.field == "velocity" else v.field: v
-    for v in PARAMETERS
-    if v.section in ("passage", "segregation") and not v.whole
-}
+# Numbers of passage and segregation, which sub-models read under the name of their field; under the
+# whole name where both have one.
+_LAWS = [v for v in PARAMETERS if v.section in ("passage", "segregation") and not v.whole]
+_FIELDS = [v.field for v in _LAWS]
+_NAMES = {v.scalar if _FIELDS.count(v.field) > 1 else v.field: v for v in _LAWS}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
@@ -57,8 +55,8 @@ SCENE = Record(
     "layer_load",
     "aperture",
     "open_area",
-    *(name for name, v in _LAWS.items() if v.section == "segregation"),
-    *(name for name, v in _LAWS.items() if v.section == "passage"),
+    *(name for name, v in _NAMES.items() if v.section == "segregation"),
+    *(name for name, v in _NAMES.items() if v.section == "passage"),
     "throw_height",
     "frequency",
     "amplitude",
@@ -75,7 +73,7 @@ SCENE = Record(
     "cover",
 )
 # Where they lie in a scene, and among the parameters.
-OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _LAWS.items())
+OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _NAMES.items())
 FIXED_SCENE = SCENE.index("layer_full")
 
 # Book-keeping of one deck. unfed: 1 where nothing finer than its aperture came in the last step;
@@ -133,8 +131,8 @@ FED, UNDER, OVER = 0, 1, 2
 ACCEPTED = 0
 REFUSED = Places(
     1,
-    "not_finite too_small too_large bad_sum two_limits not_ascending no_choice short_deck",
-    "unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
+    "not_finite too_small too_large bad_sum two_limits not_ascending no_choice no_layer",
+    "short_deck unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
 )
 REFUSAL = Record("code", "index", "value", "limit")
 

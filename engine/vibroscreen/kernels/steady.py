@@ -50,7 +50,8 @@ def place_nodes(buffer):
         reach = max(reach, open_length)
         area = max(area, open_length * travel.deck_width(buffer, deck))
     feed = state.inputs(buffer).feed_mass_flow_rate
-    classes.set_strength(parameter, area / feed if feed > 0.0 else 0.0, reach, strength)
+    exposure = area / feed if feed > 0.0 else 0.0
+    classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
     room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
     edge = state.vector(buffer, state.AT.edge, extent.classes + 1, 0)
     size = state.vector(buffer, state.AT.size, room, 0)

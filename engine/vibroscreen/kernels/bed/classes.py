@@ -34,6 +34,7 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import packing, segregation
+from vibroscreen.kernels.physics.motion import GRAVITY
 
 MOST_NODES = 24  # on a piece, where the engine chooses
 # Part of the tolerance that the nodes may use: half their error costs a node or two a class, half
@@ -100,6 +101,13 @@ def piece_nodes(low, high, aperture, most, tolerance):
 
 
 @kernel
+def percolation_at(parameter, aperture):
+    """Velocity of percolation on a panel of that aperture, m/s, but for the closure."""
+    relative = parameter.segregation_relative_velocity
+    return parameter.segregation_velocity + relative * sqrt(GRAVITY * aperture)
+
+
+@kernel
 def _kink_nodes(low, high, edge, aperture, parameter, strength):
     """Nodes that a piece of a class needs for the segregation model, 1 or more.
 
@@ -123,7 +131,7 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
         if high <= finest:
             return max(least, piece_nodes(low, high, finest, strength[1], tolerance))
         kink = GAP_KINK if low < aperture else CLOSED_KINK
-        coefficient = kink * max(LEAST_KINK_VELOCITY, parameter.segregation_velocity)
+        coefficient = kink * max(LEAST_KINK_VELOCITY, percolation_at(parameter, aperture))
         scale, power = high, 0.25
     elif model == segregation.CLASSIFIED or model == segregation.PROPORTIONAL:
         if low < aperture:
@@ -155,16 +163,20 @@ def _piece_count(low, high, whole, edge, aperture, parameter, strength):
 
 
 @kernel
-def set_strength(parameter, exposure, reach, strength):
+def set_strength(parameter, aperture, exposure, reach, strength):
     """K of the openings and of the gaps that nodes are made for.
 
-    exposure = phi W L/Q0 [m2 s/kg] gives that of a deep bed, reach = phi L [m] that of one that has
-    become thin: u phi L/(v h_c), at a velocity of THIN_VELOCITY. Writes strength[2].
+    aperture: those of the screen [m], ascending; exposure = phi W L/Q0 [m2 s/kg] gives that of a
+    deep bed, reach = phi L [m] that of one that has become thin: u phi L/(v h_c), at a velocity of
+    THIN_VELOCITY. Writes strength[2].
     """
-    thin = reach / (THIN_VELOCITY * parameter.bed_contact_depth)
+    largest = aperture[aperture.size - 1]
+    fall = sqrt(GRAVITY * largest)
+    depth = parameter.bed_contact_depth + parameter.bed_relative_contact_depth * aperture[0]
+    thin = reach / (THIN_VELOCITY * depth)
     tries = max(thin, parameter.material_bulk_density * exposure)
-    passage = tries * parameter.passage_velocity
-    percolation = GAP_SHARE * tries * parameter.segregation_velocity
+    passage = tries * (parameter.passage_velocity + parameter.passage_relative_velocity * fall)
+    percolation = GAP_SHARE * tries * percolation_at(parameter, largest)
     strength[0] = min(MOST_STRENGTH, max(LEAST_PASSAGE, passage))
     strength[1] = min(MOST_STRENGTH, max(LEAST_PERCOLATION, percolation))
 
