@@ -712,11 +712,11 @@ def trends(constants: Constants) -> pd.DataFrame:
         at = values.get("feed.mass_flow_rate", rate)
         solved = solve_steady_many(screen, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
         rows.append((name, *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN))
-    scaled = larger(config, 4.0)
+    scaled = larger(config, 3.0)
     at = scaled.feed.mass_flow_rate
     solved = solve_steady_many(scaled, {"feed.mass_flow_rate": np.array([at, 2.0 * at])})
     rows.append(
-        ("all lengths times 4", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 4.0)
+        ("all lengths times 3", *solved.undersize_recovery, solved.cut_size[0] / SIXTEEN / 3.0)
     )
     return pd.DataFrame(
         rows, columns=["change", "recovery", "at twice the feed", "cut/a"]
