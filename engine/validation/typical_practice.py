@@ -93,16 +93,14 @@ class Constants:
     dilation: float
     depth: float
 
-    def values(self, aperture: float) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """Numbers of a screen by the names of the FMU's variables, SI."""
-        fall = math.sqrt(GRAVITY * aperture)
         return {
-            "passage.velocity": self.passage * fall,
-            "segregation.velocity": self.percolation * fall,
-            "segregation.dilation": 0.0,
+            "passage.relative_velocity": self.passage,
+            "segregation.relative_velocity": self.percolation,
             "segregation.relative_dilation": self.dilation,
-            "bed.contact_depth": self.depth * aperture,
-            "bed.layer_depth": self.depth * aperture,
+            "bed.relative_contact_depth": self.depth,
+            "bed.relative_layer_depth": self.depth,
         }
 
     def __str__(self) -> str:
@@ -112,9 +110,9 @@ class Constants:
         )
 
 
-START = Constants(0.45, 0.04, 0.6, 1.0)
+START = Constants(0.56, 0.037, 0.6, 1.0)
 # Recommended: the fit at this dilation, the least without a shelf, rounded.
-RECOMMENDED = Constants(0.45, 0.037, 0.8, 1.0)
+RECOMMENDED = Constants(0.56, 0.034, 0.8, 1.0)
 
 
 # --- feeds ---------------------------------------------------------------------------------------
@@ -237,7 +235,7 @@ class Variant:
 
     law: str = "pelevin"
     segregation: str = "exchange"
-    closure: str = "none"
+    closure: str = "vibration"
     motions: Sequence[Motion] | None = None
     length: float | None = None  # that of `deck_length` unless given
     layers: int = LAYERS
@@ -307,9 +305,9 @@ class Grid:
         """
         tables = []
         for place, aperture in enumerate(APERTURES):
-            values = constants.values(aperture)
+            values = constants.values()
             for name, power in zip(
-                ("passage.velocity", "segregation.velocity"), powers, strict=True
+                ("passage.relative_velocity", "segregation.relative_velocity"), powers, strict=True
             ):
                 values[name] *= (aperture / SIXTEEN) ** power
             for name, factor in (changed or {}).items():
@@ -584,11 +582,11 @@ def try_variant(name: str, variant: Variant, usual: Answer) -> dict[str, float |
 
 
 CLOSURES = {
-    "no closure": Variant(),
-    "closure, default motion": Variant(closure="vibration"),
-    "no closure, motion by aperture": Variant(motions=VARIANTS["motion by aperture"].motions),
-    "closure, motion by aperture": Variant(
-        closure="vibration", motions=VARIANTS["motion by aperture"].motions
+    "closure, default motion": Variant(),
+    "no closure": Variant(closure="none"),
+    "closure, motion by aperture": Variant(motions=VARIANTS["motion by aperture"].motions),
+    "no closure, motion by aperture": Variant(
+        closure="none", motions=VARIANTS["motion by aperture"].motions
     ),
 }
 
@@ -662,7 +660,7 @@ def quarry_screen(constants: Constants) -> ScreenConfig:
     screen = default.replace(
         displacement=Displacement("bed"), bed=dataclasses.replace(default.bed, layers=LAYERS)
     )
-    return screen.with_values(constants.values(SIXTEEN))
+    return screen.with_values(constants.values())
 
 
 def quarry(constants: Constants) -> pd.DataFrame:
@@ -745,7 +743,7 @@ def larger(config: ScreenConfig, scale: float) -> ScreenConfig:
         bed=config.bed,
         feed=feed,
     )
-    return screen.with_values(RECOMMENDED.values(scale * SIXTEEN))
+    return screen.with_values(RECOMMENDED.values())
 
 
 # --- pictures ------------------------------------------------------------------------------------
@@ -957,11 +955,12 @@ def write(pictures: Path) -> str:
 Data: none measured. The mean of VSMA's and Karra's undersize recoveries for one deck, {LENGTH:g} m
 long, or as much shorter as keeps the bed at the discharge within {DEEPEST:g} apertures at VSMA's
 feed, {INCLINATION / DEG:g} degrees, the default motion, displacement `bed`,
-closures off: {len(APERTURES)} apertures, {len(LOADS)} loads over VSMA's feed at 95 %, the feed of
+closures on: {len(APERTURES)} apertures, {len(LOADS)} loads over VSMA's feed at 95 %, the feed of
 the default screen with its sizes over the aperture ("typical") and {len(OVERSIZE) * len(HALF_SIZE)}
 graded feeds (oversize / part of the undersize finer than half the aperture). VSMA is held at 0.95
 below a load of 1. The typical feed counts {TYPICAL_WEIGHT:g} times one of the others. Constants:
-u = c_u sqrt(g a), w = c_w sqrt(g a), relative dilation c_d, contact and layer depth c_h a.
+c_u, c_w = `relative_velocity` of passage and segregation, c_d = `relative_dilation`,
+c_h = `relative_contact_depth` and `relative_layer_depth` (`screens/typical.toml`).
 
 {summary(study)}
 
@@ -993,14 +992,14 @@ of the aperture on each (c_d as recommended). A closure that knows how apertures
 no powers.
 
 {markdown(study.closures, 4)}
-Powers that are given, default motion, no closure (the closure itself has 0 to 1/2, and 0):
+Powers that are given, default motion, with the closure:
 
 {markdown(study.powers, 4)}
 What the closure makes of u and w at each aperture, under the default motion and under the motion by
 aperture; the latter's stroke, speed and bed velocity:
 
 {markdown(study.motions)}
-The default quarry screen:
+The default quarry screen with the recommended constants, and with the default ones ("before"):
 
 {markdown(study.quarry)}
 {markdown(study.trends, 4)}
