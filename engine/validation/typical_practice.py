@@ -100,6 +100,7 @@ class Constants:
             "segregation.relative_velocity": self.percolation,
             "segregation.relative_dilation": self.dilation,
             "bed.relative_contact_depth": self.depth,
+            "bed.layer_depth": 0.0,
             "bed.relative_layer_depth": self.depth,
         }
 
