@@ -177,9 +177,9 @@ class Scene:
         self.inputs.motion_amplitude = self.near(self.config.motion.amplitude, 0.02)
         self.inputs.motion_throw_angle = self.near(self.config.motion.throw_angle, 0.02)
         for name, value in (
-            ("passage_velocity", self.config.passage.velocity),
-            ("segregation_velocity", self.config.segregation.velocity),
-            ("segregation_dilation", self.config.segregation.dilation),
+            ("passage_velocity", self.config.value_of("passage.velocity")),
+            ("segregation_velocity", self.config.value_of("segregation.velocity")),
+            ("segregation_dilation", self.config.value_of("segregation.dilation")),
         ):
             setattr(self.parameter, name, self.near(value, 0.02))
 

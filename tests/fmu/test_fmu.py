@@ -128,6 +128,7 @@ TUNABLE = {
     "material.friction_internal": ("1", None),
     "material.rolling": ("1", None),
     "passage.velocity": ("m/s", None),
+    "passage.relative_velocity": ("1", None),
     "passage.rim": ("1", None),
     "passage.crowding": ("1", None),
     "passage.drift": ("1", None),
@@ -136,6 +137,7 @@ TUNABLE = {
     "segregation.velocity": ("m/s", None),
     "segregation.dilation": ("m", "mm"),
     "segregation.relative_dilation": ("1", None),
+    "segregation.relative_velocity": ("1", None),
     "segregation.mixing": ("m/s", None),
     "segregation.proportion": ("1", None),
 }
@@ -147,6 +149,8 @@ FIXED = {
     "material.bulk_density": ("kg/m3", "t/m3"),
     "bed.contact_depth": ("m", "mm"),
     "bed.layer_depth": ("m", "mm"),
+    "bed.relative_contact_depth": ("1", None),
+    "bed.relative_layer_depth": ("1", None),
     "drive.vibrating_mass": ("kg", "t"),
     "drive.bearing_friction": ("1", None),
     "drive.bearing_diameter": ("m", "mm"),
@@ -845,10 +849,7 @@ def test_fixed_parameters_count_from_initialisation_on(make: Callable[[], Instan
         ("aperture_mm = 16.0", "aperture_mm = 12.0"),
         ("width_m = 2.4", "width_m = 2.0"),
         ("11.2, 16.0, 22.4", "11.2, 17.0, 22.4"),
-        (
-            '[segregation]\nmodel = "exchange"\nvelocity_m_s = 0.1',
-            "[segregation]\nvelocity_m_s = 0.2",
-        ),
+        ('[segregation]\nmodel = "exchange"', "[segregation]\nvelocity_m_s = 0.2"),
         ('law = "pelevin"', 'law = "gaudin"'),
         ('initial = "empty"', 'initial = "steady"'),
     ):
