@@ -12,24 +12,7 @@ from numpy.typing import NDArray
 
 from vibroscreen.compiler.fours import in_fours
 from vibroscreen.compiler.language import Record, Row
-from vibroscreen.kernels.state import (
-    ALARM,
-    ALARM_COUNT,
-    DECK_RESULT,
-    DIMENSION,
-    FIELD,
-    FIGURE,
-    HEADER_SIZE,
-    INPUT,
-    INTERMEDIATE,
-    KINDS,
-    MAX_HARMONICS,
-    OUTPUT,
-    OVER,
-    PANEL,
-    PARAMETER,
-    SECTIONS,
-)
+from vibroscreen.kernels import state
 
 __all__ = ["LINE", "Layout"]
 
@@ -49,7 +32,7 @@ def _extent(known: Mapping[str, int], symbol: str | int | Record) -> int:
 class Layout:
     """Offsets and shapes of all fields for given dimensions.
 
-    `dimension` maps every name of DIMENSION to a whole number.
+    `dimension` maps every name of state.DIMENSION to a whole number.
     """
 
     dimension: dict[str, int]
@@ -63,29 +46,29 @@ class Layout:
         known = dict(self.dimension)
         known["edges"] = known["classes"] + 1
         known["seen"] = (
-            len(PARAMETER)
-            + len(INPUT)
+            len(state.PARAMETER)
+            + len(state.INPUT)
             + known["classes"]
-            + known["decks"] * known["panels"] * len(PANEL)
-            + 5 * MAX_HARMONICS
+            + known["decks"] * known["panels"] * len(state.PANEL)
+            + 5 * state.MAX_HARMONICS
         )
         known["all_panels"] = known["decks"] * known["panels"]
         known["setting"] = sum(
             prod(_extent(known, symbol) for symbol in symbols)
             for title in ("parameters", "inputs")
-            for symbols in SECTIONS[title].values()
+            for symbols in state.SECTIONS[title].values()
         )
         known["lower_decks"] = known["decks"] - 1
         known["result"] = (
-            len(FIGURE)
-            + len(OUTPUT)
-            + known["decks"] * len(DECK_RESULT)
-            + known["lower_decks"] * len(INTERMEDIATE)
-            + ALARM_COUNT * len(ALARM)
-            + (OVER + known["decks"]) * known["classes"]
+            len(state.FIGURE)
+            + len(state.OUTPUT)
+            + known["decks"] * len(state.DECK_RESULT)
+            + known["lower_decks"] * len(state.INTERMEDIATE)
+            + state.ALARM_COUNT * len(state.ALARM)
+            + (state.OVER + known["decks"]) * known["classes"]
         )
         known["deck_streams"] = 2 * known["decks"]
-        known["streams"] = OVER + known["decks"]
+        known["streams"] = state.OVER + known["decks"]
         known["ledger_rows"] = 2 * known["streams"]
         known["knot_rows"] = known["decks"] * known["knots"]
         known["fall_rows"] = known["decks"] * known["falls"]
@@ -95,8 +78,8 @@ class Layout:
         shape: dict[str, tuple[int, ...]] = {}
         span: dict[str, slice] = {}
         section: dict[str, slice] = {}
-        position = HEADER_SIZE
-        for title, fields in SECTIONS.items():
+        position = state.HEADER_SIZE
+        for title, fields in state.SECTIONS.items():
             start = position
             for name, symbols in fields.items():
                 if title == "work":
@@ -125,8 +108,10 @@ class Layout:
         room = np.zeros(self.size + LINE)
         start = -room.ctypes.data // 8 % LINE
         buffer = room[start : start + self.size]
-        buffer[: len(DIMENSION)] = [self.dimension[name] for name in DIMENSION]
-        buffer[len(DIMENSION) : HEADER_SIZE] = [self.offset[name] for name in FIELD]
+        buffer[: len(state.DIMENSION)] = [self.dimension[name] for name in state.DIMENSION]
+        buffer[len(state.DIMENSION) : state.HEADER_SIZE] = [
+            self.offset[name] for name in state.FIELD
+        ]
         return buffer
 
     def view(self, buffer: Array, name: str) -> Array:
@@ -135,7 +120,7 @@ class Layout:
 
     def record(self, buffer: Array, name: str) -> Any:
         """The record `name` of `buffer`, or an array of them: `.aperture` reads and writes it."""
-        kind = KINDS[name]
+        kind = state.KINDS[name]
         *extents, _ = self.shape[name]
         if not extents:
             return Row(buffer, self.offset[name], kind)
