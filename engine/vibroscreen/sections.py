@@ -145,6 +145,13 @@ def _pair(
     return fixed or 0.0, relative or 0.0
 
 
+def _follows_vibration(closure: str | None, velocity: float | None, relative: float | None) -> bool:
+    """Whether velocities follow from the vibration: one given in m/s does only if told to."""
+    if closure is None:
+        return relative is not None and velocity is None
+    return closure == "vibration"
+
+
 @dataclass(frozen=True)
 class Panel:
     """One stretch of a deck with one screening medium.
@@ -425,9 +432,8 @@ class Passage:
 
     @property
     def follows_vibration(self) -> bool:
-        """Whether the velocity follows from the vibration: a velocity in m/s does if told to."""
-        given = self.relative_velocity is not None and self.velocity is None
-        return given if self.closure is None else self.closure == "vibration"
+        """Whether the velocity follows from the vibration."""
+        return _follows_vibration(self.closure, self.velocity, self.relative_velocity)
 
     def velocity_at(self, aperture: float) -> float:
         """Velocity of grains through openings of that aperture [m], in m/s.
@@ -549,9 +555,8 @@ class Segregation:
 
     @property
     def follows_vibration(self) -> bool:
-        """Whether the velocities follow from the vibration: one in m/s does if told to."""
-        given = self.relative_velocity is not None and self.velocity is None
-        return given if self.closure is None else self.closure == "vibration"
+        """Whether the velocities follow from the vibration."""
+        return _follows_vibration(self.closure, self.velocity, self.relative_velocity)
 
     @property
     def effective(self) -> dict[str, float]:
