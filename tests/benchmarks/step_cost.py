@@ -636,8 +636,8 @@ def way_costs(effort: Effort) -> dict[str, dict[str, float]]:
                     def set_inputs() -> None:
                         part = rng.uniform(-0.02, 0.02) if moving else 0.0
                         frequency = config.motion.frequency * (1.0 + part)
-                        if hasattr(values, "frequency"):
-                            values.frequency = frequency
+                        if hasattr(values, "motion_frequency"):
+                            values.motion_frequency = frequency
                         else:
                             values[:] = [*start, frequency]
 
