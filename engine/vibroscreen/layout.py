@@ -59,14 +59,7 @@ class Layout:
             for symbols in state.SECTIONS[title].values()
         )
         known["lower_decks"] = known["decks"] - 1
-        known["result"] = (
-            len(state.FIGURE)
-            + len(state.OUTPUT)
-            + known["decks"] * len(state.DECK_RESULT)
-            + known["lower_decks"] * len(state.INTERMEDIATE)
-            + state.ALARM_COUNT * len(state.ALARM)
-            + (state.OVER + known["decks"]) * known["classes"]
-        )
+        known["result"] = sum(state.result_widths(known["decks"], known["classes"]))
         known["deck_streams"] = 2 * known["decks"]
         known["streams"] = state.OVER + known["decks"]
         known["ledger_rows"] = 2 * known["streams"]
