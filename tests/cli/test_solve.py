@@ -258,7 +258,10 @@ def test_usage() -> None:
             "'deck' is not KEY=VALUE: write --set 'deck[1].panel[1].aperture_mm=18'",
         ),
         (("--set", "=3"), "'=3' is not KEY=VALUE"),
-        (("--json", "--csv"), "Invalid value for --csv: --json and --csv exclude each other: give one"),
+        (
+            ("--json", "--csv"),
+            "Invalid value for --csv: --json and --csv exclude each other: give one",
+        ),
         (("--jsn",), "No such option: --jsn"),
     ):
         done = run("solve", QUARRY, *arguments)
