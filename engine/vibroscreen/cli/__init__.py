@@ -27,6 +27,7 @@ __all__ = ["COMMANDS", "app", "main"]
 # What help says of a command: the first line of its docstring. Modules lie in this package unless
 # they are named; those of packages that stand on this one are known by name only.
 COMMANDS = {
+    "new": "Write the file of a screen: asks, or takes a sieve analysis.",
     "solve": "Print the steady state of a screen under its duty.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
 }
