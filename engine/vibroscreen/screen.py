@@ -195,7 +195,9 @@ class Screen:
     def _rows(self) -> Rows:
         """What came to every deck and left it in the last step, by node, and its figures."""
         duration, classes = self._memory.duration, self.config.size_classes.count
-        rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
+        rates = self.view("step_mass").reshape(-1, self.nodes.count) / (
+            duration if duration > 0.0 else 1.0
+        )
         seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
         fed = share * seen[seen.size - classes - 1]
         figures = self.view("deck_result").copy()
@@ -211,12 +213,12 @@ class Screen:
         for k in range(1, len(self.config.decks)):
             names[f"intermediate_{k}"] = state.OVER + k
         for name, row in names.items():
-            whole[name] = ledger[2 * row] + ledger[2 * row + 1]
+            whole[name] = ledger[row].sum(axis=0)
         whole["held"] = self.view("held").copy()
-        gone, rest = ledger[2 * state.FED].copy(), ledger[2 * state.FED + 1].copy()
-        for row in range(state.UNDER, state.OVER + len(self.config.decks)):
-            gone -= ledger[2 * row]
-            rest -= ledger[2 * row + 1]
+        gone, rest = ledger[state.FED].copy()
+        for out, out_rest in ledger[state.UNDER :]:
+            gone -= out
+            rest -= out_rest
         whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
         return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
 

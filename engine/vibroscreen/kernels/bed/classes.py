@@ -316,4 +316,4 @@ def merge_classes(node_value, node_class, class_value):
 @kernel
 def sum_nodes(buffer, node_value, class_value):
     """`merge_classes` over the classes of the screen."""
-    merge_classes(node_value, state.node_vector(buffer, state.AT.node_class, 0), class_value)
+    merge_classes(node_value, state.node_class(buffer), class_value)

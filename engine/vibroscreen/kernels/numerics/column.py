@@ -18,7 +18,7 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = state.node_vector(buffer, state.AT.size, 0)
+    size = state.size(buffer)
     nodes = size.size
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
@@ -69,11 +69,11 @@ def gather(buffer, scene, load, reference, layers):
     go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
     """
     switch, counter = state.switches(buffer), state.counters(buffer)
-    size = state.node_vector(buffer, state.AT.size, 0)
-    held = state.node_vector(buffer, state.AT.node_work, 0)
+    size = state.size(buffer)
+    held = state.spare(buffer, 0)
     place, share = places(buffer)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, size.size)
-    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    source = state.source(buffer)
+    flux = state.column_flux(buffer, 0)
     terms = state.work(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * state.parameters(buffer).solver_tolerance
@@ -114,8 +114,8 @@ def gather(buffer, scene, load, reference, layers):
 @kernel
 def places(buffer):
     """Where each size of a column is in a block, -1 for nowhere, and its share of what is there."""
-    place = state.node_vector(buffer, state.AT.place, 0)
-    return place, state.node_vector(buffer, state.AT.share, 0)
+    place = state.place(buffer)
+    return place, state.share(buffer)
 
 
 @kernel
@@ -142,7 +142,7 @@ def gather_row(place, straight, load, row, to, to_row):
 def fill_block(buffer, load, reference, layers):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     count, terms = state.work(buffer).active, state.work(buffer).source_terms
-    size = state.node_vector(buffer, state.AT.size, 0)
+    size = state.size(buffer)
     place, _ = places(buffer)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
@@ -160,7 +160,7 @@ def fill_block(buffer, load, reference, layers):
     for n in range(count):
         weight[n] = 1.0 / weight[n] if weight[n] > layer.NOTHING else 0.0
     straight = places_kept(place)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, place.size)
+    source = state.source(buffer)
     landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
     vectors.clear_rows(landing, 0, terms)
     for k in range(terms):
@@ -192,8 +192,8 @@ def scatter(buffer, load, layers, rows, elapsed):
     place, share = places(buffer)
     gone = blocks.stage_passed(buffer, blocks.NOW)
     gone_time = blocks.stage_passed(buffer, blocks.INTEGRAL)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    passed = state.column_flux(buffer, 0)
+    passed_time = state.column_flux(buffer, 1)
     for i in range(passed.size):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
@@ -203,7 +203,7 @@ def scatter(buffer, load, layers, rows, elapsed):
     straight = places_kept(place)
     vectors.clear_rows(load, 0, rows)
     add_spread(buffer, straight, load, blocks.stage_load(buffer, blocks.NOW), layers)
-    time = state.column(buffer, state.AT.column_time, 0)
+    time = state.column_time(buffer)
     add_spread(buffer, straight, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
 

@@ -58,7 +58,7 @@ def basic_step(buffer, scene, k, layers, h, moment):
     contact = blocks.active_vector(buffer, state.AT.node_work, 1)
     stay = blocks.active_vector(buffer, state.AT.node_work, 3)
     down = blocks.active_column(buffer, state.AT.percolation)
-    up = state.vector(buffer, state.AT.upward, state.extent(buffer).layers, 0)
+    up = state.upward(buffer)
     nodes = rate.size
     cover = cover_of(scene, layer_mass(load, 0))
     pace = rates.passage_factors(buffer, scene, load, load, layers, cover, contact, rate)

@@ -30,8 +30,8 @@ STIFF = 30000.0
 @kernel
 def clear_sums(buffer, rows):
     for row in range(2):
-        vectors.fill(state.node_vector(buffer, state.AT.column_flux, row), 0.0)
-    vectors.clear_rows(state.column(buffer, state.AT.column_time, 0), 0, rows)
+        vectors.fill(state.column_flux(buffer, row), 0.0)
+    vectors.clear_rows(state.column_time(buffer), 0, rows)
 
 
 @kernel
@@ -200,9 +200,9 @@ def advance_implicit(buffer, scene, book, step, layers):
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
     place, share = column.places(buffer)
-    passed = state.node_vector(buffer, state.AT.record, 0)
-    passing = state.node_vector(buffer, state.AT.record, 1)
-    before = state.node_vector(buffer, state.AT.column_flux, 0)
+    passed = state.recorded(buffer, 0)
+    passing = state.recorded(buffer, 1)
+    before = state.column_flux(buffer, 0)
     now, rate = blocks.stage_passed(buffer, blocks.NOW), blocks.stage_passed(buffer, blocks.K1)
     for i in range(passed.size):
         n = int(place[i])
