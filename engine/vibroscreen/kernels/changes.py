@@ -155,8 +155,7 @@ def displaced(buffer, now, last):
 @kernel
 def spread_feed(buffer):
     """Split the fed classes over the nodes inside them, normalised to one."""
-    fraction = state.fraction(buffer)
-    spread = state.class_mass(buffer, 0)
+    fraction, spread = state.fraction(buffer), state.class_mass(buffer, 0)
     total = 0.0
     for k in range(fraction.size):
         spread[k] = max(0.0, fraction[k])
@@ -164,8 +163,6 @@ def spread_feed(buffer):
     vectors.ratio(spread, spread, total)
     edge = state.vector(buffer, state.AT.edge, fraction.size + 1, 0)
     slope = state.vector(buffer, state.AT.slope, fraction.size + 1, 0)
-    node_class = state.node_class(buffer)
-    position = state.node_position(buffer)
-    weight = state.node_weight(buffer)
-    fed = state.feed_fraction(buffer)
+    node_class, position = state.node_class(buffer), state.node_position(buffer)
+    weight, fed = state.node_weight(buffer), state.feed_fraction(buffer)
     split_classes(edge, spread, node_class, position, weight, slope, fed)

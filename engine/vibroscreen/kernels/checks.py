@@ -75,8 +75,7 @@ def check_sum(buffer):
 @kernel
 def check_edges(buffer):
     """Check that size classes lie one above the other, without gaps."""
-    lower = state.lower(buffer)
-    upper = state.upper(buffer)
+    lower, upper = state.lower(buffer), state.upper(buffer)
     for k in range(upper.size):
         place = int(buffer[state.AT.upper]) + k
         if k + 1 < upper.size and upper[k] != lower[k + 1]:

@@ -34,8 +34,7 @@ def ledger_total(buffer, row):
 @kernel
 def balance_error(buffer):
     """Fed - discharged - held since the start, kg, class by class."""
-    initial = state.initial_mass(buffer)
-    held = state.held(buffer)
+    initial, held = state.initial_mass(buffer), state.held(buffer)
     fed, fed_rest = state.ledger(buffer, state.FED, 0), state.ledger(buffer, state.FED, 1)
     error = 0.0
     for k in range(held.size):

@@ -22,13 +22,7 @@ DEEP_LIGHT, DEEP_HEAVY, LIGHT, HEAVY = 4.0, 5.0, 800.0, 1600.0
 # No screen is built for more: depth of a bed, m; its velocity, m/s; K.
 DEEPEST, FASTEST, HARDEST = 0.5, 3.0, 10.0
 NOT_CONVEYED = 2.0  # status of displacement models; above it: outside of what they were checked for
-REASONS = state.REASONS
-BED_DEPTH, CAPACITY, TRANSPORT = (
-    state.ALARMS.bed_depth,
-    state.ALARMS.capacity,
-    state.ALARMS.transport,
-)
-PERFORMANCE, PLAUSIBILITY = state.ALARMS.performance, state.ALARMS.plausibility
+ALARMS, REASONS = state.ALARMS, state.REASONS
 
 
 @kernel
@@ -115,8 +109,7 @@ def partition_size(size, fine, coarse, level, closed):
 @kernel
 def write_cut(buffer, deck):
     """Cut size and ecart probable of a deck in the step, from its partition over the nodes."""
-    result = state.deck_result(buffer, deck)
-    size = state.size(buffer)
+    result, size = state.deck_result(buffer, deck), state.size(buffer)
     under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
     closed = 0.0
     for number in range(travel.panel_count(buffer, deck)):
@@ -138,8 +131,7 @@ def finer_size(buffer, mass, share, before):
     Each node stands for as much of its class as it weighs; there the mass lies evenly.
     """
     edge = state.vector(buffer, state.AT.edge, state.extent(buffer).classes + 1, 0)
-    node_class = state.node_class(buffer)
-    weight = state.node_weight(buffer)
+    node_class, weight = state.node_class(buffer), state.node_weight(buffer)
     total = vectors.total(mass)
     if total <= NOTHING:
         return before
@@ -161,14 +153,14 @@ def write_sizes(buffer):
     """Sizes of the cuts of all decks and of the products of the step."""
     output, decks = state.outputs(buffer), state.extent(buffer).decks
     output.alarm_performance = 0.0
-    state.alarm(buffer, state.ALARMS.performance).reason = 0.0
+    state.alarm(buffer, ALARMS.performance).reason = 0.0
     for deck in range(decks):
         result = state.deck_result(buffer, deck)
         missed = write_cut(buffer, deck)
         if state.book(buffer, deck).unfed > 0.0:
-            alarm(buffer, PERFORMANCE, REASONS.nothing_fed, deck, 0.0, result.aperture, 0.0)
+            alarm(buffer, ALARMS.performance, REASONS.nothing_fed, deck, 0.0, result.aperture, 0.0)
         elif missed > 0.0:
-            alarm(buffer, PERFORMANCE, REASONS.no_crossing, deck, result.cut_size, 0.0, 0.0)
+            alarm(buffer, ALARMS.performance, REASONS.no_crossing, deck, result.cut_size, 0.0, 0.0)
     top, lowest = state.deck_result(buffer, 0), falls.undersize(buffer, decks - 1)
     output.cut_size, output.ecart_probable = top.cut_size, top.ecart_probable
     output.undersize_p80 = finer_size(buffer, lowest, 0.8, output.undersize_p80)
@@ -202,17 +194,11 @@ def alarm(buffer, place, reason, deck, value, limit, other):
 
 
 @kernel
-def held_in_total(buffer):
-    """What lies on all decks by the sums over the classes, kg."""
-    return vectors.total(state.held(buffer))
-
-
-@kernel
 def write_state(buffer, hold_up):
     """Outputs that describe the moment: hold-up [kg], depths, velocity, power, alarms."""
     output, parameter = state.outputs(buffer), state.parameters(buffer)
     inputs = state.inputs(buffer)
-    for place in (BED_DEPTH, CAPACITY, TRANSPORT, PLAUSIBILITY):
+    for place in (ALARMS.bed_depth, ALARMS.capacity, ALARMS.transport, ALARMS.plausibility):
         numbers(output)[state.FIRST_ALARM + place] = 0.0
         state.alarm(buffer, place).reason = 0.0
     bed = 0.0
@@ -232,15 +218,14 @@ def write_state(buffer, hold_up):
     output.acceleration_number = inputs.motion_amplitude * speed * speed / GRAVITY
     if output.acceleration_number > HARDEST:
         number = output.acceleration_number
-        alarm(buffer, PLAUSIBILITY, REASONS.implausible_motion, -1, number, HARDEST, 0.0)
+        alarm(buffer, ALARMS.plausibility, REASONS.implausible_motion, -1, number, HARDEST, 0.0)
     output.balance_error = balance_error(buffer)
 
 
 @kernel
 def write_bed(buffer, deck):
     """Hold-up, depths and velocity of a deck; returns the power that its bed takes, W."""
-    result = state.deck_result(buffer, deck)
-    first = state.scene(buffer, deck, 0)
+    result, first = state.deck_result(buffer, deck), state.scene(buffer, deck, 0)
     panels = travel.panel_count(buffer, deck)
     result.aperture = least_aperture(buffer, deck)
     result.hold_up = state.hold_up_work(buffer)[deck]
@@ -270,25 +255,25 @@ def deep_in_apertures(density):
 @kernel
 def watch_bed(buffer, deck):
     """Alarms of the bed of a deck."""
-    result = state.deck_result(buffer, deck)
-    panels = travel.panel_count(buffer, deck)
+    result, panels = state.deck_result(buffer, deck), travel.panel_count(buffer, deck)
     times = deep_in_apertures(state.parameters(buffer).material_bulk_density)
     deep = times * state.scene(buffer, deck, panels - 1).aperture
     if result.depth_discharge > deep:
         depth = result.depth_discharge
-        alarm(buffer, BED_DEPTH, REASONS.deep_bed, deck, depth, deep, times)
+        alarm(buffer, ALARMS.bed_depth, REASONS.deep_bed, deck, depth, deep, times)
     if state.book(buffer, deck).capacity_alarm > 0.0:
         limit = bed_capacity(buffer, deck)
-        alarm(buffer, CAPACITY, REASONS.full_layers, deck, result.depth_feed, limit, 0.0)
+        alarm(buffer, ALARMS.capacity, REASONS.full_layers, deck, result.depth_feed, limit, 0.0)
     depth = max(result.depth_feed, result.depth_discharge)
     if depth > DEEPEST:
-        alarm(buffer, PLAUSIBILITY, REASONS.implausible_depth, deck, depth, DEEPEST, 0.0)
+        alarm(buffer, ALARMS.plausibility, REASONS.implausible_depth, deck, depth, DEEPEST, 0.0)
     for number in range(panels):
         scene = state.scene(buffer, deck, number)
         watch_transport(buffer, deck, scene.transport_status, scene.inclination, scene.throw_number)
-        velocity = scene.transport_velocity
-        if velocity > FASTEST:
-            alarm(buffer, PLAUSIBILITY, REASONS.implausible_velocity, deck, velocity, FASTEST, 0.0)
+        fast = scene.transport_velocity
+        if fast > FASTEST:
+            reason = REASONS.implausible_velocity
+            alarm(buffer, ALARMS.plausibility, reason, deck, fast, FASTEST, 0.0)
 
 
 @kernel
@@ -299,14 +284,14 @@ def watch_transport(buffer, deck, status, inclination, throw):
         return
     friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
     if status == NOT_CONVEYED:
-        alarm(buffer, TRANSPORT, REASONS.not_conveyed, deck, 0.0, 0.0, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.not_conveyed, deck, 0.0, 0.0, 0.0)
     elif parameter.displacement_model != BED:
-        alarm(buffer, TRANSPORT, REASONS.unchecked_motion, deck, throw, 0.0, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.unchecked_motion, deck, throw, 0.0, 0.0)
     elif throw > BED_THROW:
-        alarm(buffer, TRANSPORT, REASONS.high_throw, deck, throw, BED_THROW, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.high_throw, deck, throw, BED_THROW, 0.0)
     else:
         grip = bed_friction(friction, BED_CONSTANTS[2])
-        alarm(buffer, TRANSPORT, REASONS.beyond_bed, deck, inclination, grip, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.beyond_bed, deck, inclination, grip, 0.0)
 
 
 @kernel
@@ -321,14 +306,12 @@ def write_sums(buffer):
 
 @kernel
 def write_streams(buffer, duration):
-    output = state.outputs(buffer)
-    under = state.undersize_fraction(buffer)
+    output, under = state.outputs(buffer), state.undersize_fraction(buffer)
     over = state.oversize_fraction(buffer)
     output.undersize_rate = write_stream(buffer, state.UNDER, under, duration)
     output.oversize_rate = write_stream(buffer, state.OVER, over, duration)
     for k in range(state.extent(buffer).decks - 1):
-        fraction = state.intermediate_fraction(buffer, k)
-        between = state.intermediate(buffer, k)
+        fraction, between = state.intermediate_fraction(buffer, k), state.intermediate(buffer, k)
         between.rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
     fed = vectors.total(state.class_mass(buffer, state.FED))
     for deck in range(state.extent(buffer).decks):

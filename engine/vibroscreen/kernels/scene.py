@@ -37,8 +37,7 @@ def rotation_of(buffer, panel):
 @kernel
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
-    inputs = state.inputs(buffer)
-    harmonic = state.motion_harmonic(buffer)
+    inputs, harmonic = state.inputs(buffer), state.motion_harmonic(buffer)
     said = numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION]
     motion.compose_motion(said, state.harmonic(buffer), rotation_of(buffer, panel), harmonic)
     return harmonic
@@ -48,10 +47,8 @@ def panel_motion(buffer, panel):
 def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
     parameter, inputs = state.parameters(buffer), state.inputs(buffer)
-    panel = state.panel(buffer, deck, number)
-    result = state.displacement_result(buffer)
-    extent = state.extent(buffer)
-    work = state.displacement_work(buffer)
+    panel, result = state.panel(buffer, deck, number), state.displacement_result(buffer)
+    extent, work = state.extent(buffer), state.displacement_work(buffer)
     drive = state.drive_setting(buffer)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.motion_frequency, panel.inclination
@@ -94,23 +91,15 @@ def set_transport(buffer, deck, number, scene):
 
 @kernel
 def same_transport(buffer, deck, number):
-    """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
+    """An earlier panel with the same displacement, by its deck and number; deck -1: none."""
     panel = state.panel(buffer, deck, number)
     for other in range(deck + 1):
         for k in range(number if other == deck else panel_count(buffer, other)):
             known = state.panel(buffer, other, k)
             alike = known.velocity_factor == panel.velocity_factor
             if alike and known.inclination == panel.inclination:
-                return other * state.extent(buffer).panels + k
-    return -1
-
-
-@kernel
-def copy_transport(buffer, known, scene):
-    panels = state.extent(buffer).panels
-    other = state.scene_now(buffer, known // panels, known % panels)
-    scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
-    scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
+                return other, k
+    return -1, 0
 
 
 @kernel
@@ -128,8 +117,7 @@ def stop_together(buffer, deck):
 @kernel
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: throw the bed, and scale u and w where so chosen."""
-    chosen = state.closure(buffer)
-    aperture = state.panel(buffer, deck, number).aperture
+    chosen, aperture = state.closure(buffer), state.panel(buffer, deck, number).aperture
     harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
     scene.throw_height = closure.throw_height(harmonic, frequency)
@@ -156,7 +144,6 @@ def set_scene(buffer, deck, number, scene):
     offered, said = numbers(scene), numbers(parameter)
     for to, come in state.OF_LAWS:
         offered[to] = said[come]
-    panels = state.extent(buffer).panels
     factor = state.passage_factor(buffer, deck)[number]
     fall = sqrt(motion.GRAVITY * panel.aperture)
     passing = parameter.passage_velocity * factor + parameter.passage_relative_velocity * fall
@@ -181,9 +168,12 @@ def prepare_scenes(buffer, solve):
             used = numbers(state.scene(buffer, deck, number))
             vectors.copy(numbers(scene), used)
             if solve:
-                known = same_transport(buffer, deck, number)
-                if known >= 0:
-                    copy_transport(buffer, known, scene)
+                alike, panel = same_transport(buffer, deck, number)
+                if alike >= 0:
+                    known = state.scene_now(buffer, alike, panel)
+                    scene.transport_velocity = known.transport_velocity
+                    scene.dissipation, scene.throw_number = known.dissipation, known.throw_number
+                    scene.transport_status = known.transport_status
                 else:
                     code = set_transport(buffer, deck, number, scene)
                     if code != state.ACCEPTED:

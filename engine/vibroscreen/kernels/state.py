@@ -10,6 +10,7 @@ the whole state of an instance: copying it copies the screen.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
@@ -244,8 +245,9 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         # coefficients in time of what lands, of all nodes and of those that take part
         "source": (3, "nodes"),
         "source_now": (3, "sizes"),
-        # sizes and 1/reference of the nodes that take part, and which they are
+        # sizes and 1/reference of the nodes that take part
         "compact": (2, "sizes"),
+        # where each size of a column is in a block, -1: nowhere, and its share of what is there
         "place": ("nodes",),
         "share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
@@ -278,8 +280,6 @@ KINDS = {
 }
 FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
-
-
 # Places in the header that hold the offsets of the fields.
 AT = Places(len(DIMENSION), *FIELD)
 
@@ -313,12 +313,11 @@ def _said(symbol: str | int | Record) -> int:
     return symbol if isinstance(symbol, int) else len(symbol)
 
 
-def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
-    """The kernel that finds a field, `name(buffer, *rows)`: a record, a vector or a matrix."""
-    at, kind, inner = getattr(AT, name), symbols[-1], 2 if name in MATRICES else 1
-    high, wide = _said(symbols[-2]) if inner == 2 else 1, _said(kind)
-    rows = symbols[:-inner]
-    count = _said(rows[-1]) if len(rows) > 1 else 1
+@cache
+def _form(*symbols: str | int | Record) -> tuple[Any, Any]:
+    """Kernels that view what has these extents at a place, and say how many numbers it holds."""
+    kind, wide = symbols[-1], _said(symbols[-1])
+    high = _said(symbols[0]) if len(symbols) > 1 else 1
 
     def as_record(buffer, place):
         return record(buffer, place, kind)
@@ -332,6 +331,21 @@ def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
     def size(buffer):
         return _extent(buffer, high) * _extent(buffer, wide)
 
+    form = as_record if isinstance(kind, Record) else (as_vector, as_matrix)[len(symbols) - 1]
+    return _named(form, symbols), _named(size, symbols)
+
+
+def _named(made: Any, said: object) -> Any:
+    made.__qualname__ = f"{made.__name__} {said}"
+    return kernel(made)
+
+
+def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
+    """The kernel that finds a field, `name(buffer, *rows)`: a record, a vector or a matrix."""
+    at, inner = getattr(AT, name), 2 if name in MATRICES else 1
+    rows, (form, size) = symbols[:-inner], _form(*symbols[-inner:])
+    count = _said(rows[-1]) if len(rows) > 1 else 1
+
     def of_one(buffer):
         return form(buffer, int(buffer[at]))
 
@@ -342,12 +356,7 @@ def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
         place = int(row) * _extent(buffer, count) + int(column)
         return form(buffer, int(buffer[at]) + place * size(buffer))
 
-    form = as_record if isinstance(kind, Record) else (as_vector, as_matrix)[inner - 1]
-    found = (of_one, of_row, of_two)[len(rows)]
-    for made in (form, size, found):
-        made.__qualname__ = f"{name}.{made.__name__}"
-        kernel(made)
-    return found
+    return _named((of_one, of_row, of_two)[len(rows)], name)
 
 
 # `state.lead(buffer, deck)` is the field `lead` of a deck, and so on for all whose last extents

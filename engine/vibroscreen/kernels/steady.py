@@ -47,7 +47,7 @@ def place_nodes(buffer):
             apertures[place] = panel.aperture
             count += 1
         reach = max(reach, open_length)
-        area = max(area, open_length * travel.deck_width(buffer, deck))
+        area = max(area, open_length * state.width(buffer)[deck])
     feed = state.inputs(buffer).feed_mass_flow_rate
     exposure = area / feed if feed > 0.0 else 0.0
     classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
@@ -80,8 +80,7 @@ def follow(buffer, deck, duration):
     book = state.book(buffer, deck)
     left = duration
     while left > 0.0:
-        panel = book.lead_panel
-        step = left
+        panel, step = book.lead_panel, left
         crosses = False
         if travel.conveys(buffer, deck) and panel + 1 < travel.panel_count(buffer, deck):
             until = travel.panel_end_time(buffer, deck, panel) - book.cohort_front
@@ -232,15 +231,14 @@ def lay_first_cell(buffer, deck):
 @kernel
 def solve_decks(buffer):
     """Follow the slices of all decks to the discharge; the top one's is at the feed end."""
-    decks = state.extent(buffer).decks
-    hold_up = state.hold_up_work(buffer)
+    decks, hold_up = state.extent(buffer).decks, state.hold_up_work(buffer)
     for deck in range(decks):
         if deck > 0:
             lay_first_cell(buffer, deck)
             start_slice(buffer, deck)
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))
-        book, width = state.book(buffer, deck), travel.deck_width(buffer, deck)
+        book, width = state.book(buffer, deck), state.width(buffer)[deck]
         last = travel.panel_count(buffer, deck) - 1
         passing = width * travel.panel_velocity(buffer, deck, 0)
         leaving = width * travel.panel_velocity(buffer, deck, last)

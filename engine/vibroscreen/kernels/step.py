@@ -82,7 +82,7 @@ def advance(buffer, duration):
     count_held(buffer)
     outputs.write_streams(buffer, duration)
     outputs.write_sums(buffer)
-    outputs.write_state(buffer, outputs.held_in_total(buffer))
+    outputs.write_state(buffer, vectors.total(state.held(buffer)))
     if settled and steady_scene:
         memory.settled = 1.0
         for row in range(state.OVER + state.extent(buffer).decks):
@@ -116,5 +116,5 @@ def initialise(buffer):
         held = state.held(buffer)
         vectors.copy(state.initial_mass(buffer), held)
         outputs.write_streams(buffer, 1.0)
-    outputs.write_state(buffer, outputs.held_in_total(buffer))
+    outputs.write_state(buffer, vectors.total(state.held(buffer)))
     return state.ACCEPTED

@@ -28,10 +28,8 @@ def keep_leader(buffer, deck):
     """
     if not goes_on_as_one(buffer, deck):
         return 0.0
-    book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck, 0, 0.0)
-    passed = state.passed(buffer, deck, index)
-    fed = state.lead_feed(buffer, deck)
+    book, index = state.book(buffer, deck), package.new_slot(buffer, deck, 0, 0.0)
+    passed, fed = state.passed(buffer, deck, index), state.lead_feed(buffer, deck)
     vectors.copy(state.reference(buffer, deck, index), fed)
     vectors.copy(passed, state.lead_passed(buffer, deck))
     lead = state.lead(buffer, deck)
@@ -117,10 +115,8 @@ def take_part(buffer, deck, index, row, part):
     That is the growth of the mean of what passed, so what is held is what was, less this: the mean
     loads say only how it lies.
     """
-    load = state.load(buffer, deck, index)
-    passed = state.passed(buffer, deck, index)
-    before = state.part_before(buffer, part)
-    mean = state.part_passed(buffer, part)
+    load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
+    before, mean = state.part_before(buffer, part), state.part_passed(buffer, part)
     flux = state.column_flux(buffer, 0)
     rows = max(package.layers_of(buffer, deck, index), state.book(buffer, deck).rows)
     for i in range(passed.size):

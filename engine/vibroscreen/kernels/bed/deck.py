@@ -29,13 +29,12 @@ def advance_top(buffer, duration):
 
     That is less than `duration` where a pile has moved on to the deck.
     """
-    book = state.book(buffer, 0)
-    scene = state.scene(buffer, 0, 0)
+    book, scene = state.book(buffer, 0), state.scene(buffer, 0, 0)
     velocity = travel.panel_velocity(buffer, 0, 0)
     rate = book.cohort_fed
     deepest = front.PILE_DEPTH * travel.deck_length(buffer, 0) * scene.density
     slow = velocity == 0.0 or travel.residence_time(buffer, 0) > front.PILE_TIME
-    heavy = slow and rate > 0.0 and rate >= travel.deck_width(buffer, 0) * velocity * deepest
+    heavy = slow and rate > 0.0 and rate >= state.width(buffer)[0] * velocity * deepest
     if heavy and book.pile_open == 0.0:
         front.open_pile(buffer, 0)
     piling = book.pile_open > 0.0
@@ -61,8 +60,7 @@ def extend_tail(buffer, deck, duration):
         whole = length[tail] + fresh
         longest = travel.cell_length(buffer, deck, 0) * package.JOIN
         if package.panel_of(buffer, deck, tail) == 0 and whole <= longest:
-            load = state.load(buffer, deck, tail)
-            reference = state.reference(buffer, deck, tail)
+            load, reference = state.load(buffer, deck, tail), state.reference(buffer, deck, tail)
             layers = package.layers_of(buffer, deck, tail)
             part = length[tail] / whole
             for i in range(reference.size):

@@ -48,7 +48,7 @@ def start_cohort(buffer, deck, rate):
     """
     book, partial = state.book(buffer, deck), state.partial(buffer, deck)
     velocity = travel.panel_velocity(buffer, deck, 0)
-    load = rate / (travel.deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
+    load = rate / (state.width(buffer)[deck] * velocity) if velocity > 0.0 else 0.0
     vectors.clear_rows(partial, 0, partial.shape[0])
     vectors.fill(state.partial_passed(buffer, deck), 0.0)
     book.share = 1.0 if deck == 0 else SHARE_BELOW
@@ -63,8 +63,7 @@ def start_cohort(buffer, deck, rate):
 def lay_lead(buffer, deck, load):
     """Begin a leading slice of `load` kg/m2 of the feed's composition, on a lower deck empty."""
     book, scene = state.book(buffer, deck), state.scene(buffer, deck, 0)
-    lead = state.lead(buffer, deck)
-    fed = state.lead_feed(buffer, deck)
+    lead, fed = state.lead(buffer, deck), state.lead_feed(buffer, deck)
     vectors.clear_rows(lead, 0, lead.shape[0])
     vectors.fill(state.lead_passed(buffer, deck), 0.0)
     vectors.multiple(fed, load, state.feed_fraction(buffer))
@@ -78,8 +77,7 @@ def lay_lead(buffer, deck, load):
 def join_queue(buffer, deck):
     """The cohort's cells join the queue as packages of their own; the cohort is empty after it."""
     book = state.book(buffer, deck)
-    before = book.packages
-    leading = 0.0
+    before, leading = book.packages, 0.0
     if book.cohort_on > 0.0 and book.cohort_front > 0.0:
         leading = cohorts.keep_leader(buffer, deck)
         append_piece(buffer, deck)
@@ -98,8 +96,7 @@ def join_queue(buffer, deck):
 @kernel
 def append_piece(buffer, deck):
     book = state.book(buffer, deck)
-    span = book.cohort_front
-    panel = 0
+    span, panel = book.cohort_front, 0
     if package.in_cells(buffer, deck):
         if book.covered > 0.0:
             return
@@ -154,8 +151,7 @@ def integrate_lead(buffer, deck, place, duration):
     What passes is recorded for the deck below.
     """
     work, book = state.work(buffer), state.book(buffer, deck)
-    scene = state.scene(buffer, deck, book.lead_panel)
-    lead = state.lead(buffer, deck)
+    scene, lead = state.scene(buffer, deck, book.lead_panel), state.lead(buffer, deck)
     fed = state.lead_feed(buffer, deck)
     layers = book.lead_layers
     work.recorded = deck + 1.0 if deck + 1 < state.extent(buffer).decks else 0.0
@@ -197,11 +193,9 @@ def book_lead(buffer, deck, step):
     book = state.book(buffer, deck)
     velocity, first = on_first_panel(buffer, deck)
     on_first = velocity / first if first > 0.0 else 1.0
-    width, rows = travel.deck_width(buffer, deck), book.rows
-    partial = state.partial(buffer, deck)
-    before_passed = state.lead_passed(buffer, deck)
-    passed = state.column_flux(buffer, 0)
-    passed_time = state.column_flux(buffer, 1)
+    width, rows = state.width(buffer)[deck], book.rows
+    partial, before_passed = state.partial(buffer, deck), state.lead_passed(buffer, deck)
+    passed, passed_time = state.column_flux(buffer, 0), state.column_flux(buffer, 1)
     time = state.column_time(buffer)
     undersize, fallen = falls.undersize(buffer, deck), state.fall_cohort(buffer, deck)
     carry = state.carry(buffer, deck)
@@ -239,8 +233,7 @@ def cross_lead(buffer, deck):
 # --- cells ---------------------------------------------------------------------------------------
 @kernel
 def new_cell(buffer, deck, panel):
-    book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck, panel, 0.0)
+    book, index = state.book(buffer, deck), package.new_slot(buffer, deck, panel, 0.0)
     state.cell(buffer, deck)[book.cells] = index
     book.cells += 1
     return index
@@ -308,16 +301,14 @@ def collect_cell(buffer, deck, cell, part, begin):
     """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
     book = state.book(buffer, deck)
     index = int(state.cell(buffer, deck)[cell])
-    end = state.part_end(buffer)[part]
-    load = state.load(buffer, deck, index)
-    partial = state.partial(buffer, deck)
-    time = state.part_passed(buffer, part)
+    end, load = state.part_end(buffer)[part], state.load(buffer, deck, index)
+    partial, time = state.partial(buffer, deck), state.part_passed(buffer, part)
     before = state.lead_passed(buffer, deck)
     undersize, fallen = falls.undersize(buffer, deck), state.fall_cohort(buffer, deck)
     collected = state.partial_passed(buffer, deck)
     velocity = package.velocity_of(buffer, deck, index)
     first = travel.panel_velocity(buffer, deck, 0)
-    rows, width = book.rows, travel.deck_width(buffer, deck)
+    rows, width = book.rows, state.width(buffer)[deck]
     implicit.carry_debts(time, load, rows)
     for i in range(time.size):
         along = first * before[i] * (end - begin) + velocity * time[i]
@@ -334,10 +325,8 @@ def collect_cell(buffer, deck, cell, part, begin):
 @kernel
 def finish_cell(buffer, deck, index, length):
     """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
-    book = state.book(buffer, deck)
-    partial = state.partial(buffer, deck)
-    load = state.load(buffer, deck, index)
-    passed = state.passed(buffer, deck, index)
+    book, partial = state.book(buffer, deck), state.partial(buffer, deck)
+    load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
     collected = state.partial_passed(buffer, deck)
     layers = book.partial_layers
     fed = state.lead_feed(buffer, deck)
@@ -381,7 +370,7 @@ def stream_of_covered_deck(buffer, deck, duration):
     if not package.in_cells(buffer, deck):
         return
     last = travel.panel_count(buffer, deck) - 1
-    width = travel.deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     passing = width * travel.panel_velocity(buffer, deck, 0) * duration
     leaving = width * travel.panel_velocity(buffer, deck, last) * duration
     watch_capacity(buffer, deck)

@@ -9,7 +9,7 @@ Two ways, both conservative:
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.travel import deck_length, deck_width, panel_velocity
+from vibroscreen.kernels.bed.travel import deck_length, panel_velocity
 from vibroscreen.kernels.numerics import vectors
 
 # Two knots nearer than this part of the deck's length are one.
@@ -27,7 +27,7 @@ def record_knot(buffer, place):
         thin_knots(buffer, deck)
         count = book.knots
     knot = count - 1 if again else count
-    width = deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     first = width * panel_velocity(buffer, deck, 0)
     here = width * panel_velocity(buffer, deck, book.lead_panel)
     before_passed = state.lead_passed(buffer, deck)
@@ -58,8 +58,7 @@ def record_nothing(buffer, start, stop):
 def thin_knots(buffer, deck):
     """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
     book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
-    count = book.knots
-    kept = 0
+    count, kept = book.knots, 0
     for knot in range(count):
         if knot % 2 == 1 and knot < count - 1:
             continue
@@ -118,7 +117,7 @@ def lead_source(buffer, deck, place, velocity):
     width = places[knot + 1] - places[knot]
     x, rise = (place - places[knot]) / width, velocity / width
     start, stop, after, before = between_knots(buffer, above, knot)
-    per_area = 1.0 / deck_width(buffer, deck)
+    per_area = 1.0 / state.width(buffer)[deck]
     source = state.source(buffer)
     for i in range(start.size):
         total = stop[i] - start[i]

@@ -27,7 +27,7 @@ def load_of(buffer, deck, index):
 @kernel
 def area_of(buffer, deck, index):
     """Plan area of a package, m2."""
-    return travel.deck_width(buffer, deck) * state.length(buffer, deck)[index]
+    return state.width(buffer)[deck] * state.length(buffer, deck)[index]
 
 
 @kernel
@@ -56,8 +56,7 @@ def span_of(buffer, deck, index):
 
 @kernel
 def settle(buffer, deck, index, layers):
-    load = state.load(buffer, deck, index)
-    used = state.layers_used(buffer, deck)
+    load, used = state.load(buffer, deck, index), state.layers_used(buffer, deck)
     used[index] = restack(buffer, scene_of(buffer, deck, index), load, layers)
 
 
@@ -127,8 +126,7 @@ def join_back(buffer, deck, index):
 @kernel
 def leave_queue(buffer, deck, place):
     """Take the package at `place` out of the queue and free its slot."""
-    book = state.book(buffer, deck)
-    queue = state.queue(buffer, deck)
+    book, queue = state.book(buffer, deck), state.queue(buffer, deck)
     give_back(buffer, deck, queue[place])
     book.packages -= 1
     for k in range(place, book.packages):
@@ -184,8 +182,7 @@ def merge_likest(buffer, deck):
 
     Rates are smooth, so what mixing changes is of second order in the difference.
     """
-    book = state.book(buffer, deck)
-    length = state.length(buffer, deck)
+    book, length = state.book(buffer, deck), state.length(buffer, deck)
     best, least = 0, 1e300
     for place in range(book.packages - 1):
         one, two = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)

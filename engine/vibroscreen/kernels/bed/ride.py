@@ -12,10 +12,11 @@ def integrate_package(buffer, deck, index, duration):
     book, pace = state.book(buffer, deck), state.pace(buffer, deck, index)
     lead_pace = (book.step, book.order, book.pace, book.wide)
     package.use_pace(book, pace)
-    scene = package.scene_of(buffer, deck, index)
-    load = state.load(buffer, deck, index)
-    reference = state.reference(buffer, deck, index)
-    used = state.layers_used(buffer, deck)
+    scene, load = (
+        package.scene_of(buffer, deck, index),
+        state.load(buffer, deck, index),
+    )
+    reference, used = state.reference(buffer, deck, index), state.layers_used(buffer, deck)
     layers = int(used[index])
     used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration)
     package.keep_pace(book, pace)
@@ -52,8 +53,7 @@ def land_on(buffer, row, area, time):
 @kernel
 def refer_to_landing(buffer, deck, index, row):
     """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
-    reference = state.reference(buffer, deck, index)
-    landing = state.landing(buffer, row)
+    reference, landing = state.reference(buffer, deck, index), state.landing(buffer, row)
     area = package.area_of(buffer, deck, index)
     for i in range(reference.size):
         if landing[i] > 0.0:
@@ -77,7 +77,7 @@ def discharge(buffer, deck, index, row, duration, rest):
     """
     length = state.length(buffer, deck)
     integrate_package(buffer, deck, index, duration)
-    width = travel.deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
     time, rows = state.column_time(buffer), state.book(buffer, deck).rows
@@ -174,8 +174,7 @@ def time_on_deck(buffer, deck, rear, span, duration):
 @kernel
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
-    length = state.length(buffer, deck)
-    span = package.span_of(buffer, deck, index)
+    length, span = state.length(buffer, deck), package.span_of(buffer, deck, index)
     whole, over, rest = time_on_deck(buffer, deck, rear, span, duration)
     ends = rest == 0.0 and travel.conveys(buffer, deck)
     if idle(buffer, deck, index, row):
@@ -192,7 +191,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
     if rest < span and over > 0.0:
         rest *= package.velocity_of(buffer, deck, index)
         if deck > 0:
-            area = 0.5 * travel.deck_width(buffer, deck) * (length[index] + rest)
+            area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
         state.work(buffer).source_terms = 0.0
@@ -215,7 +214,7 @@ def ride_over(buffer, deck, index, middle):
 @kernel
 def queue_rear(buffer, deck):
     """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
-    book = state.book(buffer, deck)
-    if book.pile_open > 0.0:
-        return travel.riding_time(buffer, deck, book.pile_rear)
+    book, velocity = state.book(buffer, deck), travel.panel_velocity(buffer, deck, 0)
+    if book.pile_open > 0.0:  # the rear of a pile lies before the feed end
+        return book.pile_rear / velocity if velocity > 0.0 else book.pile_rear
     return book.cohort_front

@@ -14,11 +14,6 @@ def panel_count(buffer, deck):
 
 
 @kernel
-def deck_width(buffer, deck):
-    return state.width(buffer)[deck]
-
-
-@kernel
 def deck_length(buffer, deck):
     length = 0.0
     for panel in range(panel_count(buffer, deck)):
@@ -62,31 +57,11 @@ def residence_time(buffer, deck):
 
 
 @kernel
-def riding_time(buffer, deck, place):
-    """Riding time at a place [m], s, also before the feed end; on a deck at rest the place."""
-    velocity = panel_velocity(buffer, deck, 0)
-    if velocity <= 0.0:
-        return place
-    time = 0.0
-    left = place
-    last = panel_count(buffer, deck) - 1
-    for panel in range(last):
-        length = state.panel(buffer, deck, panel).length
-        if left <= length:
-            return time + left / panel_velocity(buffer, deck, panel)
-        time += length / panel_velocity(buffer, deck, panel)
-        left -= length
-    return time + left / panel_velocity(buffer, deck, last)
-
-
-@kernel
 def place_after(buffer, deck, time):
     """Place [m] at a riding time [s], also before the feed end and beyond the discharge."""
     if panel_velocity(buffer, deck, 0) <= 0.0:
         return time
-    place = 0.0
-    left = time
-    last = panel_count(buffer, deck) - 1
+    place, left, last = 0.0, time, panel_count(buffer, deck) - 1
     for panel in range(last):
         length = state.panel(buffer, deck, panel).length
         velocity = panel_velocity(buffer, deck, panel)

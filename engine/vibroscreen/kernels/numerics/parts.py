@@ -64,9 +64,8 @@ def give_to_part(buffer, rows, duration):
     part = state.work(buffer).part
     load = state.load(buffer, 0, state.part_slot(buffer)[part])
     passed = state.part_passed(buffer, part)
-    place, share = column.places(buffer)
-    flux = state.column_flux(buffer, 0)
-    gone = blocks.stage_passed(buffer, blocks.OF_PART)
+    place, share = state.place(buffer), state.share(buffer)
+    flux, gone = state.column_flux(buffer, 0), blocks.stage_passed(buffer, blocks.OF_PART)
     for i in range(passed.size):
         n = int(place[i])
         if n == i:
