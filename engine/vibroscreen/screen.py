@@ -195,9 +195,7 @@ class Screen:
     def _rows(self) -> Rows:
         """What came to every deck and left it in the last step, by node, and its figures."""
         duration, classes = self._memory.duration, self.config.size_classes.count
-        rates = self.view("step_mass").reshape(-1, self.nodes.count) / (
-            duration if duration > 0.0 else 1.0
-        )
+        rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
         seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
         fed = share * seen[seen.size - classes - 1]
         figures = self.view("deck_result").copy()
