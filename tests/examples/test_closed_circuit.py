@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +16,9 @@ from closed_circuit import (
     CLOSED_SIDE_SETTING,
     CONVEYOR_DELAY,
     SCHEDULE,
+    answer,
     fresh_sizes,
     main,
-    report,
     run,
 )
 from components.crusher import ConeCrusher
@@ -95,8 +97,8 @@ def test_rosin_rammler_by_hand() -> None:
     assert_allclose(fractions, [share, 1 - share], rtol=1e-14)
 
 
-def test_report_answers_the_question(capsys: pytest.CaptureFixture[str]) -> None:
-    """The last line printed says yes or no to both questions, with the numbers."""
+def test_the_answer_follows_from_the_regimes() -> None:
+    """The answer says yes or no to both questions, with the numbers."""
     schedule = tuple(Regime(name, 300 * T_H, 15.5, 3 * MINUTE) for name in "abc")
     circuit = run(PartitionScreen(EDGES, IDEAL), schedule, step=5.0)
     circuit.regimes[:] = 1.0
@@ -105,16 +107,14 @@ def test_report_answers_the_question(capsys: pytest.CaptureFixture[str]) -> None
     circuit.regimes["crusher, kW"] = 300.0, 360.0, 370.0
     circuit.regimes["screen, kW"] = 12.0, 14.0, 10.0
     circuit.regimes["energy, kWh/t of product"] = 1.040, 1.039, 1.056
-    report(circuit)
-    assert capsys.readouterr().out.splitlines()[-1] == (
+    assert answer(circuit.regimes) == (
         "Yes: fed 360 t/h it makes 359 t/h, the circulating load goes from 30 to 40 %. "
         "The slower screen saves no energy: it draws 4.0 kW less, the crusher 10.0 kW more at a "
         "load of 50 %, from 1.039 to 1.056 kWh/t."
     )
     circuit.regimes.loc["b", "product, t/h"] = 300.0
     circuit.regimes.loc["c", "energy, kWh/t of product"] = 1.0
-    report(circuit)
-    last = capsys.readouterr().out.splitlines()[-1]
+    last = answer(circuit.regimes)
     assert last.startswith("No: fed 360 t/h it makes 300 t/h")
     assert "The slower screen saves energy: it draws" in last
 
@@ -130,7 +130,10 @@ def test_regimes_need_names_of_their_own() -> None:
 def example(tmp_path_factory: pytest.TempPathFactory) -> tuple[Circuit, Path]:
     """The example as the README runs it: builds the FMU, runs, draws; and the folder it used."""
     folder = tmp_path_factory.mktemp("circuit")
-    return main(fmu=folder / "VibratingScreen.fmu", output=folder / "circuit.png"), folder
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        circuit = main(fmu=folder / "VibratingScreen.fmu", output=folder / "circuit.png")
+    assert printed.getvalue().splitlines()[-1] == answer(circuit.regimes)
+    return circuit, folder
 
 
 def test_example_builds_and_draws(example: tuple[Circuit, Path]) -> None:

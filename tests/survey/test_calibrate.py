@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -498,15 +496,6 @@ def test_command_line_tells_errors(tmp_path: Path) -> None:
     solved = run(app, ["solve", str(toml)])
     assert solved.exit_code == 0
     assert "deck 1, " in solved.output
-
-
-def test_command_line_without_its_extra() -> None:
-    """Without typer: what to install, and no traceback."""
-    code = "import sys; sys.modules['typer'] = None; import vibroscreen.cli"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert run.returncode == 1
-    assert run.stderr.strip().endswith("pip install 'vibroscreen[calibrate]'")
-    assert "Traceback" not in run.stderr
 
 
 def test_fit_says_its_type(noisy: Calibration) -> None:
