@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibroscreen import fields
+from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
@@ -204,13 +205,17 @@ class ScreenConfig:
         faults.tell()
 
     @classmethod
-    def load(cls, path: str | Path) -> ScreenConfig:
-        """Configuration from a TOML file. Raises ConfigError, OSError if it cannot be read."""
+    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> ScreenConfig:
+        """Configuration from a TOML file, with other values by key: {"feed.rate_t_h": 350}.
+
+        Raises ConfigError, OSError if it cannot be read.
+        """
         path = Path(path)
         try:
-            return cls.from_dict(_toml_tree(path.read_text(encoding="utf-8")), path.parent)
+            tree = _toml_tree(_text_of(path))
+            return cls.from_dict(edited(cls, tree, changes) if changes else tree, path.parent)
         except ConfigError as error:
-            error.add_note(f"in {path}")
+            error.add_note(f"in {path}{' with what was set' if changes else ''}")
             raise
 
     @classmethod
@@ -408,6 +413,13 @@ def legal_keys() -> tuple[str, ...]:
     return tuple(path for path, _ in fields.leaves(ScreenConfig))
 
 
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path.name} is not text in UTF-8: save it in this encoding") from None
+
+
 def _toml_tree(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
@@ -419,7 +431,7 @@ def _toml_lines(table: Mapping[str, Any], name: str) -> Iterator[str]:
     """Lines of a TOML table: values first, then the tables inside it."""
     for key, value in table.items():
         if not _is_table(value):
-            yield f"{key} = {_toml_value(value)}"
+            yield f"{key} = {toml_value(value)}"
     for key, value in table.items():
         full = f"{name}.{key}" if name else key
         if isinstance(value, dict):
@@ -433,9 +445,10 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A value as TOML has it."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
+        return f"[{', '.join(toml_value(item) for item in value)}]"
     return repr(value)

@@ -9,14 +9,30 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Advance", "progress", "say", "table", "tell", "tell_error"]
+from vibroscreen.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Advance",
+    "picture",
+    "progress",
+    "say",
+    "table",
+    "tell",
+    "tell_error",
+    "told",
+    "written",
+]
 
 WIDTH = 80
 
@@ -27,48 +43,91 @@ def _console(*, errors: bool = False) -> Console:
     return Console(stderr=errors, width=width, markup=False, highlight=False, emoji=False)
 
 
+def _text(text: str, style: str = "") -> Text:
+    """Text that is shown as it is: no markup, and nothing that a terminal takes for an order."""
+    shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return Text(shown, style=style)
+
+
 def say(text: str = "", style: str = "") -> None:
     """Print a line of the result, wrapped between words."""
-    _console().print(Text(text, style=style))
+    _console().print(_text(text, style))
 
 
 def tell(text: str, style: str = "") -> None:
     """Print what is not the result: where a file went, what went wrong. Never wrapped."""
-    _console(errors=True).print(Text(text, style=style), soft_wrap=True)
+    _console(errors=True).print(_text(text, style), soft_wrap=True)
 
 
 def tell_error(error: BaseException) -> None:
     """Print what is wrong and, below it, what was said beside."""
-    tell("\n".join([_text_of(error), *getattr(error, "__notes__", ())]), "red")
+    tell(told(error), "red")
 
 
-def _text_of(error: BaseException) -> str:
+def told(error: BaseException) -> str:
+    """What is wrong, and what was said beside."""
+    text = str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
-    return str(error)
+        text = f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    return "\n".join([text, *getattr(error, "__notes__", ())])
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table: the first column to the left, numbers to the right."""
-    found = Table(box=None, pad_edge=False)
+def written(*files: Path) -> None:
+    """Print which files were written."""
+    tell(f"written: {', '.join(map(str, files))}")
+
+
+def picture(figure: Figure, path: Path) -> None:
+    """Write a picture in the format that its name ends in. Raises InputError for none."""
+    try:
+        figure.savefig(path)
+    except ValueError:
+        raise InputError(
+            f"--plot {path}: {path.suffix or path.name!r} is no format of a picture: let the name "
+            "end in .png, .svg or .pdf"
+        ) from None
+    written(path)
+
+
+def table(
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: int = 1,
+    colours: Sequence[str] = (),
+) -> None:
+    """Print a table: so many columns to the left, numbers to the right.
+
+    colours: of the first cell of every row.
+    """
+    found = Table(box=None, pad_edge=False, show_header=any(columns))
     for place, column in enumerate(columns):
-        found.add_column(Text(column), justify="right" if place else "left", overflow="fold")
-    for row in rows:
-        found.add_row(*map(Text, row))
-    say(title, "bold")
+        justify: JustifyMethod = "left" if place < left else "right"
+        found.add_column(_text(column), justify=justify, overflow="fold")
+    for place, row in enumerate(rows):
+        cells = [*map(_text, row)]
+        if colours:
+            cells[0].stylize(colours[place])
+        found.add_row(*cells)
+    if title:
+        say(title, "bold")
     _console().print(found)
 
 
 class Advance(Protocol):
     """Called with what is done, and of how much."""
 
-    def __call__(self, done: int, of: int, /) -> None: ...
+    def __call__(self, done: float, of: float, /) -> None: ...
 
 
 @contextmanager
 def progress(doing: str) -> Iterator[Advance]:
     """A bar with what is going on, gone when it is done; only where somebody looks at it."""
+    console = _console(errors=True)
+    if not console.is_terminal:
+        yield lambda done, of: None
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_console(errors=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
