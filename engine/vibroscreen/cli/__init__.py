@@ -30,6 +30,7 @@ COMMANDS = {
     "new": "Write the file of a screen: asks, or takes a sieve analysis.",
     "solve": "Print the steady state of a screen under its duty.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
+    "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}

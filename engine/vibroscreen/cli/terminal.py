@@ -110,6 +110,8 @@ class Advance(Protocol):
 def progress(doing: str) -> Iterator[Advance]:
     """A bar with what is going on, gone when it is done; only where somebody looks at it."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_console(errors=True), transient=True) as bar:
+    console = _console(errors=True)
+    looked_at = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not looked_at) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
