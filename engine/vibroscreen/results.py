@@ -49,14 +49,14 @@ class Rows(NamedTuple):
     def decks(self) -> tuple[DeckResult[float], ...]:
         """Results of the decks, top deck first."""
         count = len(self.largest)
-        come = [self.fed, *self.rates[: count - 1]]
+        come = [self.fed, *self.rates[0, : count - 1]]
         parts = (
             Separation(
                 self.nodes,
                 self.classes,
                 come[d],
-                self.rates[d],
-                self.rates[count + d],
+                self.rates[0, d],
+                self.rates[1, d],
                 self.last_fraction,
                 self.largest[d],
             )

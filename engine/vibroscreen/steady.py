@@ -292,7 +292,7 @@ def _profile(
     ends = np.cumsum([0.0, *(panel.length for panel in panels)])
     times = np.cumsum([0.0, *(p.length / float(v) for p, v in zip(panels, velocity, strict=True))])
     moments = np.interp(position, ends, times)
-    shape = layout.shape["column"]
+    shape = layout.shape["column_time"]
     load, passed = np.zeros((points, *shape)), np.zeros((points, nodes.count))
     for k in range(points):
         if k > 0:
