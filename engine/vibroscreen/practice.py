@@ -4,6 +4,7 @@ Limits are those of the trade, rounded; where books differ the wider range is ta
 depths of the bed: VSMA. Efficiency: screens are sized for 90 to 95 % (VSMA's factors end at 95 %),
 85 % still counts as reasonable (Ortega-Rivas, Unit Operations of Particulate Solids, 2012, ch. 9).
 Throw number and K: what linear and circular screens are commonly set to, from no single source.
+Velocity of the bed: VSMA reckons with 45 ft/min on level and 75 ft/min on inclined screens.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ MOST_EFFICIENCY, GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.95, 0.90, 0.85
 NEARLY_DEEP = 0.8
 USUAL_THROW = (1.5, 5.0)
 USUAL_K = (2.5, 6.0)
+USUAL_VELOCITY = (0.15, 0.8)  # m/s, about half and twice what VSMA reckons with
 # Efficiencies of model and rules that differ by more; rules among themselves scatter by 0.03.
 APART = 0.1
 # Alarms that say of a result only that a number of it stands for another one.
@@ -59,6 +61,7 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
         if deck.feed_rate > 0.0:
             yield _efficiency(deck)
             yield _depth(steady, deck)
+            yield _conveying(steady, deck)
             yield from _rules(deck, sizing_rules(steady)[deck.deck - 1])
     yield _within(
         "throw number",
@@ -107,6 +110,20 @@ def _depth(steady: SteadyResult, deck: DeckResult[float]) -> Finding:
     )
 
 
+def _conveying(steady: SteadyResult, deck: DeckResult[float]) -> Finding:
+    """Velocity of the bed; where slopes differ the first panel of a deck may be fast."""
+    slopes = {panel.inclination for panel in steady.config.decks[deck.deck - 1].panels}
+    least, most = USUAL_VELOCITY
+    return _within(
+        f"deck {deck.deck}, conveying",
+        deck.transport_velocity,
+        (least, most if len(slopes) == 1 else math.inf),
+        low="the bed is carried slowly and lies deep",
+        high="grains meet few openings on their way",
+        unit=" m/s",
+    )
+
+
 def sizing_rules(steady: SteadyResult) -> tuple[Rules, ...]:
     """What VSMA and Karra say of every deck under the feed of a steady state."""
     return rules_of(steady.config.replace(feed=steady.feed))
@@ -129,10 +146,13 @@ def _rules(deck: DeckResult[float], rule: Rules) -> Iterator[Finding]:
         )
 
 
-def _within(subject: str, value: float, usual: tuple[float, float], low: str, high: str) -> Finding:
+def _within(
+    subject: str, value: float, usual: tuple[float, float], low: str, high: str, unit: str = ""
+) -> Finding:
     """A number of the motion against what is usual."""
     least, most = usual
-    said = f"{value:.3g}; usual are {least:g} to {most:g}"
+    range_ = f"{least:g} to {most:g}" if most < math.inf else f"{least:g} and more"
+    said = f"{value:.3g}{unit}; usual are {range_}"
     if least <= value <= most:
         return Finding(GREEN, subject, said)
     return Finding(AMBER, subject, f"{said}: {low if value < least else high}")
