@@ -23,7 +23,7 @@ __all__ = ["AMBER", "GREEN", "RED", "Finding", "findings", "sizing_rules", "wors
 
 GREEN, AMBER, RED = LEVELS = ("green", "amber", "red")
 
-GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.90, 0.85
+MOST_EFFICIENCY, GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.95, 0.90, 0.85
 # Of the depth that raises the alarm.
 NEARLY_DEEP = 0.8
 USUAL_THROW = (1.5, 5.0)
@@ -133,8 +133,10 @@ def _rules(deck: DeckResult[float], rule: Rules) -> Iterator[Finding]:
     """Area of a deck against VSMA, and whether Karra finds another efficiency."""
     recovery = 0.0 if math.isnan(rule.vsma_recovery) else rule.vsma_recovery
     level = GREEN if recovery >= GOOD_EFFICIENCY else AMBER if recovery >= FAIR_EFFICIENCY else RED
-    asked = f"VSMA asks for {rule.area_at_95:.3g} m2 for 95 %"
-    yield Finding(level, f"deck {deck.deck}, area", f"{asked}, the deck has {rule.area:.3g} m2")
+    asked = f"VSMA asks for {rule.area_at_95:.3g} m2 for 95 %, the deck has {rule.area:.3g} m2"
+    if recovery < MOST_EFFICIENCY:
+        asked += f", for {recovery / PERCENT:.0f} %" if recovery else ", for less than 70 %"
+    yield Finding(level, f"deck {deck.deck}, area", asked)
     if abs(deck.efficiency - rule.karra_recovery) > APART and not rule.beyond:
         yield Finding(
             AMBER,
