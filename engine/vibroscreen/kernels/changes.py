@@ -161,8 +161,7 @@ def spread_feed(buffer):
         spread[k] = max(0.0, fraction[k])
         total += spread[k]
     vectors.ratio(spread, spread, total)
-    edge = state.vector(buffer, state.AT.edge, fraction.size + 1, 0)
-    slope = state.vector(buffer, state.AT.slope, fraction.size + 1, 0)
+    edge, slope = state.edge(buffer), state.slope(buffer)
     node_class, position = state.node_class(buffer), state.node_position(buffer)
     weight, fed = state.node_weight(buffer), state.feed_fraction(buffer)
     split_classes(edge, spread, node_class, position, weight, slope, fed)

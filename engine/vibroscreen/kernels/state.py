@@ -286,7 +286,12 @@ AT = Places(len(DIMENSION), *FIELD)
 
 # --- a field by its name -------------------------------------------------------------------------
 # Fields that end in a matrix; the others end in a vector or a record.
-MATRICES = frozenset("harmonic motion_harmonic source load lead partial column_time".split())
+MATRICES = Places(
+    0,
+    "harmonic motion_harmonic source source_now load lead partial column_time scratch percolation",
+)
+# Extents that follow from the dimensions, and from the column at hand (layout.py: room for all).
+EDGES, SIZES = -1 - len(DIMENSION), -2 - len(DIMENSION)
 
 
 @kernel
@@ -304,12 +309,16 @@ def extent(buffer):
 @kernel
 def _extent(buffer, said):
     """An extent of a field: a number, or below 0 by the place of a dimension."""
+    if said == SIZES:
+        return record(buffer, int(buffer[AT.work]), WORK).active
+    if said == EDGES:
+        return extent(buffer).classes + 1
     return said if said >= 0 else int(buffer[-1 - said])
 
 
 def _said(symbol: str | int | Record) -> int:
     if isinstance(symbol, str):
-        return -1 - DIMENSION.index(symbol)
+        return -1 - (*DIMENSION, "edges", "sizes").index(symbol)
     return symbol if isinstance(symbol, int) else len(symbol)
 
 
@@ -360,12 +369,12 @@ def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
 
 
 # `state.lead(buffer, deck)` is the field `lead` of a deck, and so on for all whose last extents
-# are a number, a record or of DIMENSION.
+# are a number, a record, of DIMENSION, `edges` or `sizes`: as many sizes as take part.
 globals().update(
     (name, _field(name, symbols))
     for fields in SECTIONS.values()
     for name, symbols in fields.items()
-    if isinstance(symbols[-1], int | Record) or symbols[-1] in DIMENSION
+    if isinstance(symbols[-1], int | Record) or symbols[-1] in (*DIMENSION, "edges", "sizes")
 )
 parameters, inputs, outputs = (globals()[name] for name in ("parameter", "input", "output"))
 switches, counters, book = (globals()[name] for name in ("switch", "counter", "deck"))

@@ -52,8 +52,7 @@ def place_nodes(buffer):
     exposure = area / feed if feed > 0.0 else 0.0
     classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
     room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
-    edge = state.vector(buffer, state.AT.edge, extent.classes + 1, 0)
-    size = state.vector(buffer, state.AT.size, room, 0)
+    edge, size = state.edge(buffer), state.vector(buffer, state.AT.size, room, 0)
     of_class = state.vector(buffer, state.AT.node_class, room, 0)
     position = state.vector(buffer, state.AT.node_position, room, 0)
     weight = state.vector(buffer, state.AT.node_weight, room, 0)
@@ -202,20 +201,15 @@ def solve_many(buffer, count, rebuild):
 @kernel
 def write_result(buffer, result):
     """A row of many steady solutions behind its FIGURE: outputs, alarms, streams."""
-    decks, classes = state.extent(buffer).decks, state.extent(buffer).classes
-    place = len(state.FIGURE)
-    place = put(buffer, state.AT.output, len(state.OUTPUT), result, place)
-    place = put(buffer, state.AT.deck_result, decks * len(state.DECK_RESULT), result, place)
-    place = put(buffer, state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE), result, place)
-    place = put(buffer, state.AT.alarm, state.ALARM_COUNT * len(state.ALARM), result, place)
-    put(buffer, state.AT.class_mass, (state.OVER + decks) * classes, result, place)
-
-
-@kernel
-def put(buffer, at, size, result, place):
-    """Copy a field of the buffer to a place of a row; returns the place behind it."""
-    vectors.copy(result[place : place + size], state.vector(buffer, at, size, 0))
-    return place + size
+    decks, place = state.extent(buffer).decks, len(state.FIGURE)
+    for at, size in (
+        (state.AT.output, len(state.OUTPUT)),
+        (state.AT.deck_result, decks * len(state.DECK_RESULT)),
+        (state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE)),
+        (state.AT.alarm, state.ALARM_COUNT * len(state.ALARM)),
+        (state.AT.class_mass, (state.OVER + decks) * state.extent(buffer).classes),
+    ):
+        place = changes.put(result, place, state.vector(buffer, at, size, 0))
 
 
 @kernel

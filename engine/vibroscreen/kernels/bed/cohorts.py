@@ -81,7 +81,7 @@ def follow_cohort(buffer, deck, place, rear, duration):
         slots[part] = state.slot(buffer, deck, member)
         empty_part(buffer, deck, member, part)
     parts.begin_parts(buffer, count, start)
-    ride.integrate_package(buffer, deck, index, duration)
+    ride.integrate_package(buffer, deck, index, duration, 0.0)
     parts.begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
     passed = state.passed(buffer, deck, index)

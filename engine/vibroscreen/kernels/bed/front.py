@@ -30,14 +30,14 @@ def open_pile(buffer, deck):
 
 @kernel
 def feed_pile(buffer, deck, index, duration):
-    """Set the feed as a source on top of the pile, kg/(m2 s)."""
+    """Set the feed as a source on top of the pile, kg/(m2 s); returns its terms."""
     source, reference = state.source(buffer), state.reference(buffer, deck, index)
     area, rate = package.area_of(buffer, deck, index), state.book(buffer, deck).cohort_fed
     fraction = state.feed_fraction(buffer)
-    state.work(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
     for i in range(fraction.size):
         source[0, i] = rate * fraction[i] / area
         reference[i] += source[0, i] * duration
+    return 1.0 if rate > 0.0 else 0.0
 
 
 @kernel
@@ -145,10 +145,10 @@ def on_first_panel(buffer, deck):
 
 
 @kernel
-def integrate_lead(buffer, deck, place, duration):
+def integrate_lead(buffer, deck, place, duration, terms):
     """Let the leading slice go through `duration` s from a place on.
 
-    What passes is recorded for the deck below.
+    `terms`: of the source that lands on it. What passes is recorded for the deck below.
     """
     work, book = state.work(buffer), state.book(buffer, deck)
     scene, lead = state.scene(buffer, deck, book.lead_panel), state.lead(buffer, deck)
@@ -156,15 +156,16 @@ def integrate_lead(buffer, deck, place, duration):
     layers = book.lead_layers
     work.recorded = deck + 1.0 if deck + 1 < state.extent(buffer).decks else 0.0
     work.recorded_from = place
-    if work.source_terms == 0.0 and bed_load(lead, layers) == 0.0:
+    if terms == 0.0 and bed_load(lead, layers) == 0.0:
         integrate.clear_sums(buffer, layers)
         book.rows = layers
         if work.recorded > 0:
             velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
             knots.record_nothing(buffer, place, place + velocity * duration)
     else:
-        book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration)
-    work.source_terms, work.recorded = 0.0, 0.0
+        layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration, terms)
+        book.lead_layers = layers
+    work.recorded = 0.0
 
 
 @kernel
@@ -178,11 +179,12 @@ def advance_lead(buffer, deck, duration):
     velocity, _ = on_first_panel(buffer, deck)
     left = duration
     while left > 0.0:
-        step = left
+        step, terms = left, 0.0
         place = travel.place_after(buffer, deck, book.cohort_front + (duration - left))
         if deck > 0:
-            step = min(left, knots.lead_source(buffer, deck, place, velocity))
-        integrate_lead(buffer, deck, place, step)
+            holds, terms = knots.lead_source(buffer, deck, place, velocity)
+            step = min(left, holds)
+        integrate_lead(buffer, deck, place, step, terms)
         book_lead(buffer, deck, step)
         left -= step
 
@@ -276,7 +278,7 @@ def advance_over_cells(buffer, deck, duration):
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
     place = travel.place_after(buffer, deck, book.cohort_front)
-    integrate_lead(buffer, deck, place, taken)
+    integrate_lead(buffer, deck, place, taken, 0.0)
     parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0

@@ -29,9 +29,8 @@ def advance_queue(buffer, deck, duration):
         if place < followed:
             cohorts.take_part(buffer, deck, index, place, followed - 1 - place)
         elif place == count - 1 and book.pile_open > 0.0:
-            front.feed_pile(buffer, deck, index, duration)
-            ride.ride(buffer, deck, index, place, duration)
-            state.work(buffer).source_terms = 0.0
+            terms = front.feed_pile(buffer, deck, index, duration)
+            ride.ride(buffer, deck, index, place, duration, terms)
         else:
             left = ride.advance_package(buffer, deck, index, place, rear, duration)
             gone += 1 if left <= 0.0 and place == gone else 0

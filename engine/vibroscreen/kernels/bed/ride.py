@@ -7,7 +7,7 @@ from vibroscreen.kernels.numerics import integrate, vectors
 
 
 @kernel
-def integrate_package(buffer, deck, index, duration):
+def integrate_package(buffer, deck, index, duration, terms):
     """Advance the column of a package; its step and order are remembered with it."""
     book, pace = state.book(buffer, deck), state.pace(buffer, deck, index)
     lead_pace = (book.step, book.order, book.pace, book.wide)
@@ -18,7 +18,7 @@ def integrate_package(buffer, deck, index, duration):
     )
     reference, used = state.reference(buffer, deck, index), state.layers_used(buffer, deck)
     layers = int(used[index])
-    used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration)
+    used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration, terms)
     package.keep_pace(book, pace)
     package.use_pace(book, lead_pace)
     state.counters(buffer).packages_integrated += 1.0
@@ -40,14 +40,13 @@ def pass_through(buffer, deck, row, scale, scale_time):
 
 @kernel
 def land_on(buffer, row, area, time):
-    """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
-    if area * time <= 0.0:
-        return
-    source, landing = state.source(buffer), state.landing(buffer, row)
-    for i in range(landing.size):
-        source[0, i] = landing[i] / (area * time)
-        if source[0, i] != 0.0:
-            state.work(buffer).source_terms = 1.0
+    """Spread what lands on a package over an area [m2] and a time [s]; the terms of that source."""
+    source, landing, terms = state.source(buffer), state.landing(buffer, row), 0.0
+    if area * time > 0.0:
+        for i in range(landing.size):
+            source[0, i] = landing[i] / (area * time)
+            terms = 1.0 if source[0, i] != 0.0 else terms
+    return terms
 
 
 @kernel
@@ -61,22 +60,22 @@ def refer_to_landing(buffer, deck, index, row):
 
 
 @kernel
-def ride(buffer, deck, index, row, duration):
+def ride(buffer, deck, index, row, duration, terms):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
-        integrate_package(buffer, deck, index, duration)
+        integrate_package(buffer, deck, index, duration, terms)
         pass_through(buffer, deck, row, package.area_of(buffer, deck, index), 0.0)
 
 
 @kernel
-def discharge(buffer, deck, index, row, duration, rest):
+def discharge(buffer, deck, index, row, duration, rest, terms):
     """Shorten a package to the length `rest` over the deck's end, evenly in `duration` s.
 
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
     exactly from the time integrals of what passed and of the loads.
     """
     length = state.length(buffer, deck)
-    integrate_package(buffer, deck, index, duration)
+    integrate_package(buffer, deck, index, duration, terms)
     width = state.width(buffer)[deck]
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
@@ -138,10 +137,9 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
             until = travel.panel_end_time(buffer, deck, panel) - middle
             crosses = until < left
             step = max(0.0, until) if crosses else left
-        if deck > 0:
-            land_on(buffer, row, package.area_of(buffer, deck, index), time)
-        ride(buffer, deck, index, row, step)
-        state.work(buffer).source_terms = 0.0
+        area = package.area_of(buffer, deck, index)
+        terms = land_on(buffer, row, area, time) if deck > 0 else 0.0
+        ride(buffer, deck, index, row, step, terms)
         left -= step
         middle += step
         if not crosses:
@@ -190,11 +188,9 @@ def advance_package(buffer, deck, index, row, rear, duration):
     ride_panels(buffer, deck, index, row, rear + 0.5 * span, whole, whole + over)
     if rest < span and over > 0.0:
         rest *= package.velocity_of(buffer, deck, index)
-        if deck > 0:
-            area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
-            land_on(buffer, row, area, whole + over)
-        discharge(buffer, deck, index, row, over, rest)
-        state.work(buffer).source_terms = 0.0
+        area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
+        terms = land_on(buffer, row, area, whole + over) if deck > 0 else 0.0
+        discharge(buffer, deck, index, row, over, rest, terms)
     elif ends:
         shed(buffer, deck, index)
     return length[index]
