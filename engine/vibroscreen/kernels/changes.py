@@ -16,15 +16,8 @@ from vibroscreen.kernels.scene import keep_scenes, prepare_scenes
 BEFORE_BOUNCE = state.SCENE.index("passage_velocity") + 1
 BEFORE_TRANSPORT = state.SCENE.index("dissipation")
 # What the displacement depends on besides the motion.
-OF_DISPLACEMENT = tuple(
-    state.PARAMETER.index(name)
-    for name in (
-        "material_friction_deck",
-        "material_friction_internal",
-        "material_rolling",
-        "displacement_model",
-    )
-)
+_NAMES = "material_friction_deck material_friction_internal material_rolling displacement_model"
+OF_DISPLACEMENT = tuple(state.PARAMETER.index(name) for name in _NAMES.split())
 OF_PANEL_DISPLACEMENT = (state.PANEL.index("inclination"), state.PANEL.index("velocity_factor"))
 
 

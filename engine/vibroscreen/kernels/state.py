@@ -286,10 +286,8 @@ AT = Places(len(DIMENSION), *FIELD)
 
 # --- a field by its name -------------------------------------------------------------------------
 # Fields that end in a matrix; the others end in a vector or a record.
-MATRICES = Places(
-    0,
-    "harmonic motion_harmonic source source_now load lead partial column_time scratch percolation",
-)
+_MATRICES = "harmonic motion_harmonic source source_now load lead partial column_time scratch"
+MATRICES = (*_MATRICES.split(), "percolation")
 # Extents that follow from the dimensions, and from the column at hand (layout.py: room for all).
 EDGES, SIZES = -1 - len(DIMENSION), -2 - len(DIMENSION)
 
@@ -345,6 +343,7 @@ def _form(*symbols: str | int | Record) -> tuple[Any, Any]:
 
 
 def _named(made: Any, said: object) -> Any:
+    """A kernel that the compiler tells from others of its kind."""
     made.__qualname__ = f"{made.__name__} {said}"
     return kernel(made)
 

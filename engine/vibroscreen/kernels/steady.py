@@ -79,12 +79,9 @@ def follow(buffer, deck, duration):
     book = state.book(buffer, deck)
     left = duration
     while left > 0.0:
-        panel, step = book.lead_panel, left
-        crosses = False
-        if travel.conveys(buffer, deck) and panel + 1 < travel.panel_count(buffer, deck):
-            until = travel.panel_end_time(buffer, deck, panel) - book.cohort_front
-            crosses = until <= left
-            step = max(0.0, until) if crosses else left
+        panel = book.lead_panel
+        until = travel.time_to_next(buffer, deck, panel, book.cohort_front)
+        crosses, step = until <= left, max(0.0, min(until, left))
         if step > 0.0:
             front.advance_lead(buffer, deck, step)
         book.cohort_front += step
@@ -179,8 +176,7 @@ def solve_many(buffer, count, rebuild):
     row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
-        other = state.design_harmonic(buffer, row)
-        vectors.copy(harmonic, other)
+        vectors.copy(harmonic, state.design_harmonic(buffer, row))
         code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
@@ -241,5 +237,4 @@ def solve_decks(buffer):
         for i in range(passed.size):
             under[i], over[i] = passing * passed[i], 0.0
         vectors.add_rows(over, leaving, state.lead(buffer, deck), book.lead_layers)
-        partial = state.partial(buffer, deck)
-        hold_up[deck] = width * bed_load(partial, book.partial_layers)
+        hold_up[deck] = width * bed_load(state.partial(buffer, deck), book.partial_layers)

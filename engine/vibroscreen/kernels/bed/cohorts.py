@@ -32,11 +32,9 @@ def keep_leader(buffer, deck):
     passed, fed = state.passed(buffer, deck, index), state.lead_feed(buffer, deck)
     vectors.copy(state.reference(buffer, deck, index), fed)
     vectors.copy(passed, state.lead_passed(buffer, deck))
-    lead = state.lead(buffer, deck)
-    vectors.copy_rows(state.load(buffer, deck, index), lead, book.lead_layers)
+    vectors.copy_rows(state.load(buffer, deck, index), state.lead(buffer, deck), book.lead_layers)
     state.layers_used(buffer, deck)[index] = book.lead_layers
-    velocity = travel.panel_velocity(buffer, deck, 0)
-    state.entry_velocity(buffer, deck)[index] = velocity
+    state.entry_velocity(buffer, deck)[index] = travel.panel_velocity(buffer, deck, 0)
     book.leaders += 1
     return index + 1.0
 
@@ -48,8 +46,7 @@ def stays_together(buffer, deck, place, rear, duration, span):
         return False
     if not travel.conveys(buffer, deck):
         return True
-    first = package.slot_at(buffer, deck, place)
-    front = rear + package.span_of(buffer, deck, first) + duration
+    front = rear + package.span_of(buffer, deck, package.slot_at(buffer, deck, place)) + duration
     return front <= travel.residence_time(buffer, deck)
 
 

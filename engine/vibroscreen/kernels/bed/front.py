@@ -130,8 +130,7 @@ def join_neighbours(buffer, deck, place):
     if panel != package.panel_of(buffer, deck, two):
         return
     loads = package.load_of(buffer, deck, one) + package.load_of(buffer, deck, two)
-    longest = travel.cell_length(buffer, deck, panel)
-    short = length[one] + length[two] <= longest * package.JOIN
+    short = length[one] + length[two] <= travel.cell_length(buffer, deck, panel) * package.JOIN
     if (loads == 0.0 and deck == 0) or (short and package.alike(buffer, deck, one, two)):
         package.merge_into(buffer, deck, place)
 
@@ -160,8 +159,10 @@ def integrate_lead(buffer, deck, place, duration, terms):
         integrate.clear_sums(buffer, layers)
         book.rows = layers
         if work.recorded > 0:
-            velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
-            knots.record_nothing(buffer, place, place + velocity * duration)
+            vectors.fill(state.recorded(buffer, 0), 0.0)
+            vectors.fill(state.recorded(buffer, 1), 0.0)
+            knots.record_knot(buffer, place)
+            knots.record_knot(buffer, place + scene.transport_velocity * duration)
     else:
         layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration, terms)
         book.lead_layers = layers
@@ -228,8 +229,7 @@ def cross_lead(buffer, deck):
     layers = book.lead_layers
     vectors.divide(state.lead_feed(buffer, deck), lead, layers, stretch)
     book.lead_panel = panel + 1.0
-    scene = state.scene(buffer, deck, panel + 1)
-    book.lead_layers = restack(buffer, scene, lead, layers)
+    book.lead_layers = restack(buffer, state.scene(buffer, deck, panel + 1), lead, layers)
 
 
 # --- cells ---------------------------------------------------------------------------------------
@@ -277,8 +277,7 @@ def advance_over_cells(buffer, deck, duration):
     taken, finished = cells_ahead(buffer, deck, duration)
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
-    place = travel.place_after(buffer, deck, book.cohort_front)
-    integrate_lead(buffer, deck, place, taken, 0.0)
+    integrate_lead(buffer, deck, travel.place_after(buffer, deck, book.cohort_front), taken, 0.0)
     parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0
@@ -287,8 +286,7 @@ def advance_over_cells(buffer, deck, duration):
         if done < last:
             end_cell(buffer, deck, done)
     velocity, first = on_first_panel(buffer, deck)
-    passed = state.column_flux(buffer, 0)
-    vectors.add(state.lead_passed(buffer, deck), velocity / first, passed)
+    vectors.add(state.lead_passed(buffer, deck), velocity / first, state.column_flux(buffer, 0))
     if finished:
         book.cohort_front = travel.cell_end(buffer, deck, last)
         end_cell(buffer, deck, last)
@@ -331,8 +329,7 @@ def finish_cell(buffer, deck, index, length):
     load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
     collected = state.partial_passed(buffer, deck)
     layers = book.partial_layers
-    fed = state.lead_feed(buffer, deck)
-    vectors.copy(state.reference(buffer, deck, index), fed)
+    vectors.copy(state.reference(buffer, deck, index), state.lead_feed(buffer, deck))
     for i in range(passed.size):
         passed[i] = collected[i] / length
         for j in range(layers):

@@ -47,30 +47,22 @@ def record_knot(buffer, place):
 
 
 @kernel
-def record_nothing(buffer, start, stop):
-    vectors.fill(state.recorded(buffer, 0), 0.0)
-    vectors.fill(state.recorded(buffer, 1), 0.0)
-    record_knot(buffer, start)
-    record_knot(buffer, stop)
-
-
-@kernel
 def thin_knots(buffer, deck):
     """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
     book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
     count, kept = book.knots, 0
-    for knot in range(count):
-        if knot % 2 == 1 and knot < count - 1:
+    for row in range(count):
+        if row % 2 == 1 and row < count - 1:
             continue
-        if kept != knot:
-            places[kept] = places[knot]
+        if kept != row:
+            places[kept] = places[row]
             vectors.copy(
-                state.knot_passed(buffer, deck, kept), state.knot_passed(buffer, deck, knot)
+                state.knot_passed(buffer, deck, kept), state.knot_passed(buffer, deck, row)
             )
             vectors.copy(
-                state.knot_before(buffer, deck, kept), state.knot_before(buffer, deck, knot)
+                state.knot_before(buffer, deck, kept), state.knot_before(buffer, deck, row)
             )
-            vectors.copy(state.knot_after(buffer, deck, kept), state.knot_after(buffer, deck, knot))
+            vectors.copy(state.knot_after(buffer, deck, kept), state.knot_after(buffer, deck, row))
         kept += 1
     book.knots = kept
 
@@ -79,12 +71,8 @@ def thin_knots(buffer, deck):
 def between_knots(buffer, deck, knot):
     """What has passed up to a knot and to the next one, and the rates at both, in between."""
     start, stop = state.knot_passed(buffer, deck, knot), state.knot_passed(buffer, deck, knot + 1)
-    return (
-        start,
-        stop,
-        state.knot_after(buffer, deck, knot),
-        state.knot_before(buffer, deck, knot + 1),
-    )
+    after, before = state.knot_after(buffer, deck, knot), state.knot_before(buffer, deck, knot + 1)
+    return start, stop, after, before
 
 
 @kernel

@@ -24,8 +24,7 @@ def advance_queue(buffer, deck, duration):
         behind = 0.0
         if place + 1 < count:
             behind = package.span_of(buffer, deck, package.slot_at(buffer, deck, place + 1))
-        span = package.span_of(buffer, deck, index)
-        falls.fall_row(buffer, deck, place, rear, rear + span)
+        falls.fall_row(buffer, deck, place, rear, rear + package.span_of(buffer, deck, index))
         if place < followed:
             cohorts.take_part(buffer, deck, index, place, followed - 1 - place)
         elif place == count - 1 and book.pile_open > 0.0:

@@ -12,11 +12,9 @@ def integrate_package(buffer, deck, index, duration, terms):
     book, pace = state.book(buffer, deck), state.pace(buffer, deck, index)
     lead_pace = (book.step, book.order, book.pace, book.wide)
     package.use_pace(book, pace)
-    scene, load = (
-        package.scene_of(buffer, deck, index),
-        state.load(buffer, deck, index),
-    )
-    reference, used = state.reference(buffer, deck, index), state.layers_used(buffer, deck)
+    scene = package.scene_of(buffer, deck, index)
+    load, reference = state.load(buffer, deck, index), state.reference(buffer, deck, index)
+    used = state.layers_used(buffer, deck)
     layers = int(used[index])
     used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration, terms)
     package.keep_pace(book, pace)
@@ -130,14 +128,9 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
     """
     left = duration
     while True:
-        step = left
-        panel = package.panel_of(buffer, deck, index)
-        crosses = False
-        if panel + 1 < travel.panel_count(buffer, deck) and travel.conveys(buffer, deck):
-            until = travel.panel_end_time(buffer, deck, panel) - middle
-            crosses = until < left
-            step = max(0.0, until) if crosses else left
-        area = package.area_of(buffer, deck, index)
+        panel, area = package.panel_of(buffer, deck, index), package.area_of(buffer, deck, index)
+        until = travel.time_to_next(buffer, deck, panel, middle)
+        crosses, step = until < left, max(0.0, min(until, left))
         terms = land_on(buffer, row, area, time) if deck > 0 else 0.0
         ride(buffer, deck, index, row, step, terms)
         left -= step
@@ -199,12 +192,8 @@ def advance_package(buffer, deck, index, row, rear, duration):
 @kernel
 def ride_over(buffer, deck, index, middle):
     """Move a package in which nothing happens on to the panel of its middle."""
-    if travel.conveys(buffer, deck):
-        first = package.panel_of(buffer, deck, index)
-        for panel in range(first, travel.panel_count(buffer, deck) - 1):
-            if travel.panel_end_time(buffer, deck, panel) > middle:
-                break
-            cross(buffer, deck, index)
+    while travel.time_to_next(buffer, deck, package.panel_of(buffer, deck, index), middle) <= 0.0:
+        cross(buffer, deck, index)
 
 
 @kernel

@@ -18,14 +18,11 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = state.size(buffer)
-    nodes = size.size
-    parameter = state.parameters(buffer)
-    model = parameter.segregation_model
+    size, parameter = state.size(buffer), state.parameters(buffer)
+    nodes, model = size.size, parameter.segregation_model
     known = parameter.passage_law <= passage.BOUNCE and model <= segregation.CLASSIFIED
-    if state.switches(buffer).coarse_sizes == 0.0 or not known:
-        return nodes
-    if state.work(buffer).source_terms > 0.0:
+    on = state.switches(buffer).coarse_sizes > 0.0 and state.work(buffer).source_terms == 0
+    if not (known and on):
         return nodes
     closed = scene.aperture
     if state.extent(buffer).layered > 0.0:

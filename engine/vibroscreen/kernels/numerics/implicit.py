@@ -13,14 +13,6 @@ from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
 
 
 @kernel
-def upward_rates(load, down, layers, up):
-    """What each layer sends up, 1/s on its mass: as much as percolates down into it."""
-    for j in range(layers - 1):
-        mass = layer_mass(load, j)
-        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
-
-
-@kernel
 def implicit_step(load, rate, down, up, pivot, stay, layers, h):
     """Solve (1 + h T_i) x = load for every size in place, T_i tridiagonal over the layers.
 
@@ -62,9 +54,11 @@ def basic_step(buffer, scene, k, layers, h, moment):
     pace = rates.passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
-    upward_rates(load, down, layers, up)
-    pivot = state.scratch(buffer)
-    implicit_step(load, rate, down, up, pivot, stay, layers, h)
+    for j in range(layers - 1):
+        # A layer sends up as much as percolates down into it: 1/s on its mass.
+        mass = layer_mass(load, j)
+        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
+    implicit_step(load, rate, down, up, state.scratch(buffer), stay, layers, h)
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
     terms = state.work(buffer).source_terms
@@ -225,8 +219,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     allowed = kinks.allowance(buffer, scene, book, h)
     counter = state.counters(buffer)
     target = book.order
-    now = blocks.stage_load(buffer, blocks.NOW)
-    rows = rows_in_use(buffer, scene, now, layers, h, moment)
+    rows = rows_in_use(buffer, scene, blocks.stage_load(buffer, blocks.NOW), layers, h, moment)
     book.rows = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0

@@ -185,8 +185,7 @@ def advance_implicit(buffer, scene, book, step, layers):
     work = state.work(buffer)
     if work.part < work.parts:
         until = parts.time_in_part(buffer, moment, step.left)
-        before_sum = blocks.stage(buffer, blocks.K2)
-        vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
+        vectors.copy(blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL))
     step.length = implicit.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
