@@ -29,6 +29,7 @@ __all__ = ["COMMANDS", "app", "main"]
 COMMANDS = {
     "new": "Write the file of a screen: asks, or takes a sieve analysis.",
     "solve": "Print the steady state of a screen under its duty.",
+    "simulate": "Run a screen through a series of feeds and motions in time.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
 }

@@ -103,13 +103,17 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
 class Advance(Protocol):
     """Called with what is done, and of how much."""
 
-    def __call__(self, done: int, of: int, /) -> None: ...
+    def __call__(self, done: float, of: float, /) -> None: ...
 
 
 @contextmanager
 def progress(doing: str) -> Iterator[Advance]:
     """A bar with what is going on, gone when it is done; only where somebody looks at it."""
+    console = _console(errors=True)
+    if not console.is_terminal:
+        yield lambda done, of: None
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_console(errors=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
