@@ -134,7 +134,6 @@ def write_outputs(buffer):
         if deck > 0:
             vectors.fill(numbers(state.intermediate(buffer, deck - 1)), nan)
         state.book(buffer, deck).covered = 1.0  # the slice is at the discharge
-        front.watch_capacity(buffer, deck)
     outputs.write_streams(buffer, 1.0)
     outputs.write_state(buffer, vectors.total(state.hold_up_work(buffer)))
     outputs.read_sizes(buffer)
@@ -229,12 +228,6 @@ def solve_decks(buffer):
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))
         book, width = state.book(buffer, deck), state.width(buffer)[deck]
-        last = travel.panel_count(buffer, deck) - 1
-        passing = width * travel.panel_velocity(buffer, deck, 0)
-        leaving = width * travel.panel_velocity(buffer, deck, last)
-        under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
-        passed = state.lead_passed(buffer, deck)
-        for i in range(passed.size):
-            under[i], over[i] = passing * passed[i], 0.0
-        vectors.add_rows(over, leaving, state.lead(buffer, deck), book.lead_layers)
+        vectors.fill(falls.undersize(buffer, deck), 0.0)
+        front.stream_of_covered_deck(buffer, deck, 1.0)
         hold_up[deck] = width * bed_load(state.partial(buffer, deck), book.partial_layers)

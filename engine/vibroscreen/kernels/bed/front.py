@@ -251,7 +251,7 @@ def cells_ahead(buffer, deck, duration):
     book = state.book(buffer, deck)
     ends, slots = state.part_end(buffer), state.part_slot(buffer)
     count, taken, finished = 0, 0.0, True
-    while finished and taken < duration and book.cells < travel.cell_count(buffer, deck):
+    while finished and taken < duration and book.cells < state.extent(buffer).cells:
         if travel.cell_panel(buffer, deck, book.cells) != book.lead_panel:
             break
         target = travel.cell_end(buffer, deck, book.cells)
@@ -347,21 +347,13 @@ def end_cell(buffer, deck, cell):
     panel = travel.cell_panel(buffer, deck, cell)
     index = int(state.cell(buffer, deck)[cell])
     finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
-    if cell + 1 == travel.cell_count(buffer, deck):
+    if cell + 1 == state.extent(buffer).cells:
         state.book(buffer, deck).covered = 1.0
     elif travel.cell_panel(buffer, deck, cell + 1) != panel:
         cross_lead(buffer, deck)
 
 
 # --- the cohort ----------------------------------------------------------------------------------
-@kernel
-def watch_capacity(buffer, deck):
-    """Note where the bed of a deck is deeper at the feed end than its layers can hold."""
-    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
-    if state.extent(buffer).layered > 0 and deep:
-        state.book(buffer, deck).capacity_alarm = 1.0
-
-
 @kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
@@ -372,7 +364,9 @@ def stream_of_covered_deck(buffer, deck, duration):
     width = state.width(buffer)[deck]
     passing = width * travel.panel_velocity(buffer, deck, 0) * duration
     leaving = width * travel.panel_velocity(buffer, deck, last) * duration
-    watch_capacity(buffer, deck)
+    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
+    if state.extent(buffer).layered > 0 and deep:  # at the feed end, for what the layers hold
+        book.capacity_alarm = 1.0
     passed = state.lead_passed(buffer, deck)
     vectors.add(falls.undersize(buffer, deck), passing, passed)
     vectors.add(state.fall_cohort(buffer, deck), passing, passed)

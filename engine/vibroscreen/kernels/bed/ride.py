@@ -155,7 +155,7 @@ def time_on_deck(buffer, deck, rear, span, duration):
         whole = 0.0
     over = min(duration, max(0.0, end - rear)) - whole
     rest = min(span, end - rear - duration)
-    if rest < package.MOMENT * end / travel.cell_count(buffer, deck):
+    if rest < package.MOMENT * end / state.extent(buffer).cells:
         rest = 0.0
     if rest >= span:
         return whole + over, 0.0, rest

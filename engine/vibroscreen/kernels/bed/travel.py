@@ -88,14 +88,6 @@ def panel_cells(buffer, deck, panel):
 
 
 @kernel
-def cell_count(buffer, deck):
-    count = 0
-    for panel in range(panel_count(buffer, deck)):
-        count += panel_cells(buffer, deck, panel)
-    return count
-
-
-@kernel
 def cell_length(buffer, deck, panel):
     """Length of a cell on a panel, that of the longest package, m."""
     return state.panel(buffer, deck, panel).length / panel_cells(buffer, deck, panel)
