@@ -28,6 +28,7 @@ __all__ = ["COMMANDS", "app", "main"]
 # they are named; those of packages that stand on this one are known by name only.
 COMMANDS = {
     "new": "Write the file of a screen: asks, or takes a sieve analysis.",
+    "check": "Tell what is wrong or unusual about a screen and its duty.",
     "solve": "Print the steady state of a screen under its duty.",
     "simulate": "Run a screen through a series of feeds and motions in time.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
