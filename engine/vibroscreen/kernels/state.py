@@ -258,13 +258,9 @@ _WHOLE = (
     "displacement_work displacement_address passage_address segregation_address",
 )
 DIMENSION = Record(*_WHOLE, whole=" ".join(_WHOLE))
-KINDS = {
-    name: symbols[-1]
-    for fields in SECTIONS.values()
-    for name, symbols in fields.items()
-    if isinstance(symbols[-1], Record)
-}
-FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
+_SHAPES = {name: symbols for fields in SECTIONS.values() for name, symbols in fields.items()}
+KINDS = {name: kind for name, (*_, kind) in _SHAPES.items() if isinstance(kind, Record)}
+FIELD = tuple(_SHAPES)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
 # Places in the header that hold the offsets of the fields.
 AT = Places(len(DIMENSION), *FIELD)
@@ -296,7 +292,6 @@ def sizes(buffer):
 
 
 # `state.lead(buffer, deck)` is the field `lead` of a deck, and so on.
-_SHAPES = {name: symbols for fields in SECTIONS.values() for name, symbols in fields.items()}
 _FURTHER = {"edges": edges, "sizes": sizes}
 globals().update(fields_of(DIMENSION, AT, _SHAPES, MATRICES, _FURTHER))
 parameters, inputs, outputs = (globals()[name] for name in ("parameter", "input", "output"))
