@@ -1,9 +1,9 @@
 """How a steady state stands to what plants find good: green, amber or red, each with its reason.
 
-Limits are those of the trade, rounded; where books differ the wider range is taken. Depths of the
-bed: VSMA. Efficiency: screens are sized for 90 to 95 % (VSMA's factors end at 95 %), 85 % still
-counts as reasonable (Ortega-Rivas, Unit Operations of Particulate Solids, 2012, ch. 9). Throw
-number and K: what linear and circular screens are commonly set to, from no single source.
+Limits are those of the trade, rounded; where books differ the wider range is taken. Areas and
+depths of the bed: VSMA. Efficiency: screens are sized for 90 to 95 % (VSMA's factors end at 95 %),
+85 % still counts as reasonable (Ortega-Rivas, Unit Operations of Particulate Solids, 2012, ch. 9).
+Throw number and K: what linear and circular screens are commonly set to, from no single source.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 from vibroscreen.kernels.outputs import deep_in_apertures
 from vibroscreen.results import DeckResult
+from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import MM, PERCENT, T_M3
 
-__all__ = ["AMBER", "GREEN", "RED", "Finding", "findings", "worst"]
+__all__ = ["AMBER", "GREEN", "RED", "Finding", "findings", "sizing_rules", "worst"]
 
 GREEN, AMBER, RED = LEVELS = ("green", "amber", "red")
 
@@ -26,6 +27,8 @@ GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.90, 0.85
 NEARLY_DEEP = 0.8
 USUAL_THROW = (1.5, 5.0)
 USUAL_K = (2.5, 6.0)
+# Efficiencies of model and rules that differ by more; rules among themselves scatter by 0.03.
+APART = 0.1
 # Alarms that say of a result only that a number of it stands for another one.
 MILD = ("alarm.performance",)
 # Alarms that are told as a finding of their own.
@@ -56,6 +59,7 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
         if deck.feed_rate > 0.0:
             yield _efficiency(deck)
             yield _depth(steady, deck)
+            yield from _rules(deck, sizing_rules(steady)[deck.deck - 1])
     yield _within(
         "throw number",
         steady.throw_number,
@@ -101,6 +105,26 @@ def _depth(steady: SteadyResult, deck: DeckResult[float]) -> Finding:
         f"{deck.depth_discharge / MM:.3g} mm deep at the discharge, {value:.2g} apertures: at "
         f"{density / T_M3:.3g} t/m3 up to {most:.3g} are good practice",
     )
+
+
+def sizing_rules(steady: SteadyResult) -> tuple[Rules, ...]:
+    """What VSMA and Karra say of every deck under the feed of a steady state."""
+    return rules_of(steady.config.replace(feed=steady.feed))
+
+
+def _rules(deck: DeckResult[float], rule: Rules) -> Iterator[Finding]:
+    """Area of a deck against VSMA, and whether Karra finds another efficiency."""
+    recovery = 0.0 if math.isnan(rule.vsma_recovery) else rule.vsma_recovery
+    level = GREEN if recovery >= GOOD_EFFICIENCY else AMBER if recovery >= FAIR_EFFICIENCY else RED
+    asked = f"VSMA asks for {rule.area_at_95:.3g} m2 for 95 %"
+    yield Finding(level, f"deck {deck.deck}, area", f"{asked}, the deck has {rule.area:.3g} m2")
+    if abs(deck.efficiency - rule.karra_recovery) > APART and not rule.beyond:
+        yield Finding(
+            AMBER,
+            f"deck {deck.deck}, model and rules",
+            f"this model finds an efficiency of {deck.efficiency / PERCENT:.1f} %, Karra "
+            f"{rule.karra_recovery / PERCENT:.1f} %: calibrate before you design",
+        )
 
 
 def _within(subject: str, value: float, usual: tuple[float, float], low: str, high: str) -> Finding:

@@ -9,6 +9,7 @@ import pytest
 from tests.places import DATA
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.practice import AMBER, GREEN, RED, Finding, findings, worst
+from vibroscreen.sizing_rules import rules_of
 from vibroscreen.units import T_H
 
 SCREEN = Screen(ScreenConfig.default())
@@ -56,6 +57,26 @@ def test_a_deep_bed_is_red_by_the_rule_of_its_alarm() -> None:
     assert one.level == RED
     assert one.reason.endswith("at 1.6 t/m3 up to 5 are good practice")
     assert worst(findings(steady)) == RED
+
+
+def test_the_area_against_sizing_rules() -> None:
+    """At the rates at which VSMA finds 95 % just possible, and a half more."""
+    rule = rules_of(SCREEN.config)[0]
+    full = 300.0 / rule.load  # t/h; VSMA's area goes with the rate
+    for part, level in ((0.99, GREEN), (1.14, GREEN), (1.2, AMBER), (1.36, RED), (2.5, RED)):
+        one = found(part * full)["deck 1, area"]
+        assert one.level == level
+        assert one.reason == f"VSMA asks for {14.4 * part:.3g} m2 for 95 %, the deck has 14.4 m2"
+
+
+def test_a_model_far_from_the_rules_is_amber() -> None:
+    """With grains that hardly pass, where Karra finds the same as before."""
+    lazy = SCREEN.config.with_values({"passage.velocity": 0.01})
+    told = {one.subject: one for one in findings(Screen(lazy).solve_steady())}
+    one = told["deck 1, model and rules"]
+    assert one.level == AMBER
+    karra = rules_of(lazy)[0].karra_recovery
+    assert f"Karra {100.0 * karra:.1f} %: calibrate" in one.reason
 
 
 def test_alarms_are_told_with_their_reasons() -> None:
