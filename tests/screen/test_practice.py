@@ -6,9 +6,10 @@ import dataclasses
 
 import pytest
 
-from tests.places import DATA
+from tests.places import DATA, SCREENS
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.practice import AMBER, GREEN, RED, Finding, findings, worst
+from vibroscreen.sections import Displacement
 from vibroscreen.sizing_rules import rules_of
 from vibroscreen.units import T_H
 
@@ -50,6 +51,29 @@ def test_the_motion_against_what_is_usual(frequency: float, throw: str, k: str) 
     assert (told["throw number"].level, told["acceleration K"].level) == (throw, k)
 
 
+def test_how_fast_the_bed_rides() -> None:
+    """Amber where it is slow or fast; the first panel of a banana deck may be fast."""
+    told = found(100.0)["deck 1, conveying"]
+    velocity = SCREEN.solve_steady(Feed(100.0 * T_H, DUTY)).decks[0].transport_velocity
+    assert told == Finding(GREEN, "deck 1, conveying", f"{velocity:.3g} m/s; usual are 0.15 to 0.8")
+    for velocity, level, why in (
+        (0.1, AMBER, ": the bed is carried slowly and lies deep"),
+        (0.5, GREEN, ""),
+        (1.2, AMBER, ": grains meet few openings on their way"),
+    ):
+        config = SCREEN.config.replace(displacement=Displacement("prescribed", velocity))
+        one = {f.subject: f for f in findings(Screen(config).solve_steady())}["deck 1, conveying"]
+        assert one.level == level
+        assert one.reason == f"{velocity:g} m/s; usual are 0.15 to 0.8{why}"
+    banana = ScreenConfig.load(
+        SCREENS / "banana.toml",
+        {"displacement.velocity_m_s": 1.2, "displacement.model": "prescribed"},
+    )
+    one = {f.subject: f for f in findings(Screen(banana).solve_steady())}["deck 1, conveying"]
+    assert one.level == GREEN
+    assert one.reason.endswith(" m/s; usual are 0.15 and more")
+
+
 def test_a_deep_bed_is_red_by_the_rule_of_its_alarm() -> None:
     steady = SCREEN.solve_steady(Feed(900.0 * T_H, DUTY))
     assert "alarm.bed_depth" in steady.alarms
@@ -63,10 +87,16 @@ def test_the_area_against_sizing_rules() -> None:
     """At the rates at which VSMA finds 95 % just possible, and a half more."""
     rule = rules_of(SCREEN.config)[0]
     full = 300.0 / rule.load  # t/h; VSMA's area goes with the rate
-    for part, level in ((0.99, GREEN), (1.14, GREEN), (1.2, AMBER), (1.36, RED), (2.5, RED)):
+    for part, level, enough in (
+        (0.99, GREEN, ""),
+        (1.14, GREEN, ", for 90 %"),
+        (1.2, AMBER, ", for 89 %"),
+        (1.36, RED, ", for 85 %"),
+        (2.5, RED, ", for less than 70 %"),
+    ):
         one = found(part * full)["deck 1, area"]
-        assert one.level == level
-        assert one.reason == f"VSMA asks for {14.4 * part:.3g} m2 for 95 %, the deck has 14.4 m2"
+        asked = f"VSMA asks for {14.4 * part:.3g} m2 for 95 %, the deck has 14.4 m2"
+        assert (one.level, one.reason) == (level, f"{asked}{enough}")
 
 
 def test_a_model_far_from_the_rules_is_amber() -> None:
