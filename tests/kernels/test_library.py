@@ -219,7 +219,7 @@ def test_constant_arguments_do_not_compile_anew() -> None:
 
 
 KERNELS = '''
-from vibroscreen.compiler.language import Record, Row, kernel
+from vibroscreen.compiler.language import kernel
 SCALE = 2.0
 
 @kernel

@@ -227,7 +227,8 @@ def schema() -> dict[str, Any]:
             edges_mm=_told(_list({"type": "number"}), "Limits of the size classes, finest first"),
             streams={
                 **_table(**named),
-                "description": "Feed and products; intermediate[k] leaves over deck k + 1",
+                "description": "Feed and products by NAME: feed, oversize (over deck 1), "
+                "intermediate[k] (over deck k + 1), undersize (through the lowest deck)",
                 "patternProperties": {r"^intermediate\[\d+\]$": stream},
             },
             recovery=_told(_list(share), "Part of every class that reaches the undersize"),
