@@ -39,7 +39,7 @@ ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
 EXTRA = {"build": "fmu"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
-MENDABLE = (ConfigError, InputError, ImportError, OSError)
+MENDABLE = (ConfigError, InputError, ImportError, OSError, MemoryError)
 
 
 class _Commands(TyperGroup):

@@ -78,7 +78,7 @@ def _print_products(steady: SteadyResult) -> None:
     decks, fed = len(steady.decks), steady.feed.mass_flow_rate
     labels = labels_of(decks)
     heads = ["\n" + label if decks == 1 else two_lines(label) for label in labels]
-    places = max(0, 3 - math.floor(math.log10(fed / T_H)))
+    places = min(max(0, 3 - math.floor(math.log10(fed / T_H))), 6)
     products = [stream for name, stream in streams.items() if name != "feed"]
 
     def rate(value: float) -> str:
@@ -99,7 +99,10 @@ def _print_products(steady: SteadyResult) -> None:
     table("Products", ("", "t/h", "% of feed", "P80 mm", "P50 mm"), lines)
     say()
     edges = [f"{edge / MM:g}" for edge in classes.edges]
-    passing = [[f"{100.0 * value:.1f}" for value in stream.passing] for stream in streams.values()]
+    passing = [
+        [f"{value / PERCENT:.1f}" if stream.rate > 0.0 else "-" for value in stream.passing]
+        for stream in streams.values()
+    ]
     lines = list(zip(edges, *passing, strict=True))
     table("Passing, %", ("\nsize mm", *heads), reversed(lines))
     say()

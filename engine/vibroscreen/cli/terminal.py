@@ -69,6 +69,11 @@ def told(error: BaseException) -> str:
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    if isinstance(error, MemoryError):
+        text = (
+            "there is not enough memory for this screen: give fewer bed.layers, solver.packages or "
+            "size classes"
+        )
     return "\n".join([text, *getattr(error, "__notes__", ())])
 
 
