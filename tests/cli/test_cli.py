@@ -75,6 +75,17 @@ def test_usage() -> None:
     assert "Missing argument" in wrong.stderr
 
 
+def test_a_command_without_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is missing, and what brings it."""
+    monkeypatch.delitem(sys.modules, "vibroscreen_fmu.build", raising=False)
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    done = CliRunner().invoke(app, ["build", "screen.toml"])
+    assert done.exit_code == 1
+    assert done.stderr == (
+        "vibroscreen build needs fmpy, which is not installed: pip install 'vibroscreen[fmu]'\n"
+    )
+
+
 def test_public_names() -> None:
     """All of the package are there, though none is loaded before it is asked for."""
     for name in vibroscreen.__all__:
@@ -83,3 +94,16 @@ def test_public_names() -> None:
     assert vibroscreen.sweep.solve_steady_many is vibroscreen.solve_steady_many
     with pytest.raises(AttributeError, match="has no attribute 'Screan'"):
         vibroscreen.Screan  # noqa: B018
+
+
+def test_completion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shell is told the commands that begin so, and the options of one."""
+    for words, place, told in (
+        ("vibroscreen s", "1", {"solve", "simulate"}),
+        ("vibroscreen solve --p", "2", {"--plot"}),
+    ):
+        monkeypatch.setenv("_VIBROSCREEN_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", place)
+        assert set(run().stdout.split()) >= told
+        assert all(word.startswith(words.split()[-1]) for word in run().stdout.split())

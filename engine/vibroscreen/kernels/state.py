@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
+from vibroscreen.compiler.fields import Symbol, fields_of
+from vibroscreen.compiler.language import Places, Record, kernel, record, view1
 from vibroscreen.figures import ALARMS as ALARM_FIGURES
 from vibroscreen.figures import BETWEEN, BOX
 from vibroscreen.figures import DECK as OF_DECK
@@ -50,27 +51,11 @@ _NAMES = {v.scalar if _FIELDS.count(v.field) > 1 else v.field: v for v in _LAWS}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
-    "density",
-    "contact_load",
-    "layer_load",
-    "aperture",
-    "open_area",
+    "density contact_load layer_load aperture open_area",
     *(name for name, v in _NAMES.items() if v.section == "segregation"),
     *(name for name, v in _NAMES.items() if v.section == "passage"),
-    "throw_height",
-    "frequency",
-    "amplitude",
-    "throw_angle",
-    "ellipticity",
-    "inclination",
-    "throw_number",
-    "transport_velocity",
-    "dissipation",
-    "transport_status",
-    "horizon",
-    "layer_full",
-    "bed_load",
-    "cover",
+    "throw_height frequency amplitude throw_angle ellipticity inclination throw_number",
+    "transport_velocity dissipation transport_status horizon layer_full bed_load cover",
 )
 # Where they lie in a scene, and among the parameters.
 OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _NAMES.items())
@@ -86,9 +71,7 @@ DECK = Record(
 )
 
 # What an instance remembers besides; duration: of the step whose masses step_mass holds, s.
-MEMORY = Record(
-    "settled unread duration",
-)
+MEMORY = Record("settled unread duration")
 
 # A step of the column at hand: how long the whole lasts and what is left of it, and a step that is
 # taken whatever its error, s; growth of the top layer now and a step ago, kg/(m2 s), 0 if unknown;
@@ -134,7 +117,7 @@ REFUSED = Places(
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice no_layer",
     "short_deck unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
 )
-REFUSAL = Record("code", "index", "value", "limit")
+REFUSAL = Record("code index value limit")
 
 # What one of many steady solutions gives first: whether it was refused. Behind it come outputs,
 # results of decks, streams between them, alarms and the class rates of all streams.
@@ -145,19 +128,17 @@ MAX_HARMONICS = 4
 DISPLACEMENT_RESULT = 7
 
 # --- fields: name and shape in terms of the dimensions ------------------------------------------
-SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
+_SECTIONS: dict[str, dict[str, tuple[Symbol, ...]]] = {
     "parameters": {
         "parameter": (PARAMETER,),
-        "lower": ("classes",),
-        "upper": ("classes",),
+        "lower upper": ("classes",),
         "width": ("decks",),
         "panel": ("decks", "panels", PANEL),
     },
     "inputs": {"input": (INPUT,), "fraction": ("classes",)},
     "outputs": {
         "output": (OUTPUT,),
-        "undersize_fraction": ("classes",),
-        "oversize_fraction": ("classes",),
+        "undersize_fraction oversize_fraction": ("classes",),
         "intermediate": ("lower_decks", INTERMEDIATE),
         "intermediate_fraction": ("lower_decks", "classes"),
         "deck_result": ("decks", DECK_RESULT),
@@ -172,10 +153,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "closure": (2,),
         "harmonic": (MAX_HARMONICS, 5),
         "edge": ("edges",),
-        "size": ("nodes",),
-        "node_class": ("nodes",),
-        "node_position": ("nodes",),
-        "node_weight": ("nodes",),
+        "size node_class node_position node_weight": ("nodes",),
         "panel_count": ("decks",),
         "panel_cells": ("decks", "panels"),
         # passage velocity on a panel over that of the top deck's first one, by a table
@@ -183,24 +161,19 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
     },
     "state": {
         "counter": (COUNTER,),
-        "ledger": ("ledger_rows", "classes"),
-        "initial_mass": ("classes",),
-        "held": ("classes",),
+        # sums and their compensation
+        "ledger": ("streams", 2, "classes"),
+        "initial_mass held": ("classes",),
         "steady_rate": ("streams", "classes"),
         "memory": (MEMORY,),
         "alarm": (ALARM_COUNT, ALARM),
         # of the last step: undersize of every deck, then oversize of every deck, kg
-        "step_mass": ("deck_streams", "nodes"),
+        "step_mass": (2, "decks", "nodes"),
         "last_seen": ("seen",),
         "feed_fraction": ("nodes",),
         "scene": ("decks", "panels", SCENE),
         "deck": ("decks", DECK),
-        "queue": ("decks", "packages"),
-        "cell": ("decks", "packages"),
-        "free": ("decks", "packages"),
-        "length": ("decks", "packages"),
-        "layers_used": ("decks", "packages"),
-        "on_panel": ("decks", "packages"),
+        "queue cell free length layers_used on_panel": ("decks", "packages"),
         "pace": ("decks", "packages", 4),
         # slot + 1 of the leading slice of the closed cohort that a package is a part of; 0: of none
         "leader": ("decks", "packages"),
@@ -211,16 +184,13 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "load": ("decks", "packages", "layers", "nodes"),
         "reference": ("decks", "packages", "nodes"),
         "lead": ("decks", "layers", "nodes"),
-        "lead_feed": ("decks", "nodes"),
-        "lead_passed": ("decks", "nodes"),
+        "lead_feed lead_passed": ("decks", "nodes"),
         "partial": ("decks", "layers", "nodes"),
         "partial_passed": ("decks", "nodes"),
         # along a steady deck with one below: place, what has passed up to there [kg/s] and falls
         # there [kg/(m s)] on both sides of the place; and what a lower cohort still owes
         "knot_place": ("decks", "knots"),
-        "knot_passed": ("knot_rows", "nodes"),
-        "knot_before": ("knot_rows", "nodes"),
-        "knot_after": ("knot_rows", "nodes"),
+        "knot_passed knot_before knot_after": ("decks", "knots", "nodes"),
         "carry": ("decks", "nodes"),
     },
     "work": {
@@ -234,37 +204,32 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
         "recovery": ("classes",),
-        "column_work": (WORK,),
+        "work": (WORK,),
         "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
-        "fall_start": ("decks", "falls"),
-        "fall_stop": ("decks", "falls"),
-        "fall": ("fall_rows", "nodes"),
+        "fall_start fall_stop": ("decks", "falls"),
+        "fall": ("decks", "falls", "nodes"),
         "fall_cohort": ("decks", "nodes"),
         "fall_count": ("decks", 4),
         # what passed and passes of the slice that is recorded
-        "record": (2, "nodes"),
+        "recorded": (2, "nodes"),
         # what lands on the packages of a deck, and where they are
-        "landing_start": ("falls",),
-        "landing_stop": ("falls",),
+        "landing_start landing_stop": ("falls",),
         "landing": ("falls", "nodes"),
         # parts of a trajectory whose means are wanted: when each ends, s; the slot that gets its
         # loads; time integral of what passed, kg s/m2; what the slot held before, kg/m2
-        "part_end": ("packages",),
-        "part_slot": ("packages",),
-        "part_passed": ("packages", "nodes"),
-        "part_before": ("packages", "nodes"),
-        "column": ("layers", "nodes"),
+        "part_end part_slot": ("packages",),
+        "part_passed part_before": ("packages", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
         # coefficients in time of what lands, of all nodes and of those that take part
         "source": (3, "nodes"),
         "source_now": (3, "sizes"),
-        # sizes and 1/reference of the nodes that take part, and which they are
+        # sizes and 1/reference of the nodes that take part
         "compact": (2, "sizes"),
-        "place": ("nodes",),
-        "share": ("nodes",),
+        # where each size of a column is in a block, -1: nowhere, and its share of what is there
+        "place share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
         # and after them two rows an order of extrapolation: column and its time integral
         "stage": (10 + 2 * MAX_ORDER, "block"),
@@ -274,57 +239,38 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "design_result": ("designs", "result"),
         "strength": (2,),
         "apertures": ("all_panels",),
-        "scratch": ("layers", "sizes"),
-        "percolation": ("layers", "sizes"),
+        "scratch percolation": ("layers", "sizes"),
         "node_work": (4, "sizes"),
+        "spare": (4, "nodes"),
         "upward": ("layers",),
     },
 }
+SECTIONS = {
+    title: {name: symbols for names, symbols in fields.items() for name in names.split()}
+    for title, fields in _SECTIONS.items()
+}
+# Fields that end in a matrix; the others end in a vector or a record.
+_MATRICES = "harmonic motion_harmonic source source_now load lead partial column_time scratch"
+MATRICES = (*_MATRICES.split(), "percolation")
 # Sizes of what there is, and addresses of a user's own models.
 _WHOLE = (
     "classes nodes decks panels layers packages cells layered bed_layers knots falls designs",
     "displacement_work displacement_address passage_address segregation_address",
 )
 DIMENSION = Record(*_WHOLE, whole=" ".join(_WHOLE))
-KINDS = {
-    name: symbols[-1]
-    for fields in SECTIONS.values()
-    for name, symbols in fields.items()
-    if isinstance(symbols[-1], Record)
-}
-FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
+_SHAPES = {name: symbols for fields in SECTIONS.values() for name, symbols in fields.items()}
+KINDS = {name: kind for name, (*_, kind) in _SHAPES.items() if isinstance(kind, Record)}
+FIELD = tuple(_SHAPES)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
-
-
 # Places in the header that hold the offsets of the fields.
 AT = Places(len(DIMENSION), *FIELD)
 
 
+# --- a field by its name -------------------------------------------------------------------------
 @kernel
 def vector(buffer, at, size, row):
     """Row `row` of a field of rows of `size` numbers."""
     return view1(buffer, int(buffer[at]) + row * size, size)
-
-
-@kernel
-def node_vector(buffer, at, row):
-    return vector(buffer, at, extent(buffer).nodes, row)
-
-
-@kernel
-def streams(buffer, at):
-    """What a field holds of the streams by class, as one vector."""
-    return vector(buffer, at, (OVER + extent(buffer).decks) * extent(buffer).classes, 0)
-
-
-@kernel
-def class_vector(buffer, at, row):
-    return vector(buffer, at, extent(buffer).classes, row)
-
-
-@kernel
-def package_vector(buffer, at, deck):
-    return vector(buffer, at, extent(buffer).packages, deck)
 
 
 @kernel
@@ -334,78 +280,22 @@ def extent(buffer):
 
 
 @kernel
-def parameters(buffer):
-    return record(buffer, int(buffer[AT.parameter]), PARAMETER)
+def edges(buffer):
+    """Limits of the size classes, one more than these."""
+    return extent(buffer).classes + 1
 
 
 @kernel
-def inputs(buffer):
-    return record(buffer, int(buffer[AT.input]), INPUT)
+def sizes(buffer):
+    """Sizes that take part in the column at hand, a multiple of four."""
+    return record(buffer, int(buffer[AT.work]), WORK).active
 
 
-@kernel
-def outputs(buffer):
-    return record(buffer, int(buffer[AT.output]), OUTPUT)
-
-
-@kernel
-def intermediate(buffer, deck):
-    """Outputs of the stream over the deck below deck `deck`."""
-    return record(buffer, int(buffer[AT.intermediate]) + deck * len(INTERMEDIATE), INTERMEDIATE)
-
-
-@kernel
-def deck_result(buffer, deck):
-    """Outputs of a deck."""
-    return record(buffer, int(buffer[AT.deck_result]) + deck * len(DECK_RESULT), DECK_RESULT)
-
-
-@kernel
-def alarm(buffer, place):
-    """Why an alarm is set."""
-    return record(buffer, int(buffer[AT.alarm]) + place * len(ALARM), ALARM)
-
-
-@kernel
-def switches(buffer):
-    return record(buffer, int(buffer[AT.switch]), SWITCH)
-
-
-@kernel
-def counters(buffer):
-    return record(buffer, int(buffer[AT.counter]), COUNTER)
-
-
-@kernel
-def memory(buffer):
-    return record(buffer, int(buffer[AT.memory]), MEMORY)
-
-
-@kernel
-def work(buffer):
-    """What is done with the column at hand."""
-    return record(buffer, int(buffer[AT.column_work]), WORK)
-
-
-@kernel
-def step(buffer):
-    return record(buffer, int(buffer[AT.step]), STEP)
-
-
-@kernel
-def refusal(buffer):
-    return record(buffer, int(buffer[AT.refusal]), REFUSAL)
-
-
-@kernel
-def book(buffer, deck):
-    return record(buffer, int(buffer[AT.deck]) + deck * len(DECK), DECK)
-
-
-@kernel
-def scene(buffer, at, deck, panel):
-    row = deck * extent(buffer).panels + panel
-    return record(buffer, int(buffer[at]) + row * len(SCENE), SCENE)
+# `state.lead(buffer, deck)` is the field `lead` of a deck, and so on.
+_FURTHER = {"edges": edges, "sizes": sizes}
+globals().update(fields_of(DIMENSION, AT, _SHAPES, MATRICES, _FURTHER))
+parameters, inputs, outputs = (globals()[name] for name in ("parameter", "input", "output"))
+switches, counters, book = (globals()[name] for name in ("switch", "counter", "deck"))
 
 
 @kernel
@@ -413,25 +303,6 @@ def panel_place(buffer, deck, number):
     """Where the parameters of a panel begin in the buffer."""
     row = deck * extent(buffer).panels + number
     return int(buffer[AT.panel]) + row * len(PANEL)
-
-
-@kernel
-def panel(buffer, deck, number):
-    return record(buffer, panel_place(buffer, deck, number), PANEL)
-
-
-@kernel
-def harmonics(buffer):
-    """Further harmonics of the motion: order, along, its phase, normal, its phase."""
-    return view2(buffer, int(buffer[AT.harmonic]), MAX_HARMONICS, 5)
-
-
-@kernel
-def column(buffer, at, index):
-    """Column `index` of a field of columns: areal mass [layer, node]."""
-    layers = extent(buffer).layers
-    nodes = extent(buffer).nodes
-    return view2(buffer, int(buffer[at]) + index * layers * nodes, layers, nodes)
 
 
 @kernel

@@ -9,6 +9,7 @@ from vibroscreen.kernels.numerics import (
     explicit,
     implicit,
     kinks,
+    pair,
     parts,
     rates,
     reconstruction,
@@ -30,23 +31,22 @@ STIFF = 30000.0
 @kernel
 def clear_sums(buffer, rows):
     for row in range(2):
-        vectors.fill(state.node_vector(buffer, state.AT.column_flux, row), 0.0)
-    vectors.clear_rows(state.column(buffer, state.AT.column_time, 0), 0, rows)
+        vectors.fill(state.column_flux(buffer, row), 0.0)
+    vectors.clear_rows(state.column_time(buffer), 0, rows)
 
 
 @kernel
-def integrate(buffer, scene, book, load, reference, layers, duration):
+def integrate(buffer, scene, book, load, reference, layers, duration, terms):
     """Let a column go through `duration` s; returns the number of layers after it.
 
     `load` is advanced in place. The fields column_flux (what passed, kg/m2, and its time integral)
     and column_time (time integral of the loads, kg s/m2, in book.rows rows) hold the sums over the
-    duration.
-    `reference` is what was fed of each node, kg/m2: errors are a part of it. The first
-    `source_terms` rows of `source` are the coefficients in time of what lands on top,
-    kg/(m2 s^(1 + row)).
+    duration. `reference` is what was fed of each node, kg/m2: errors are a part of it. The first
+    `terms` rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
-    clear_sums(buffer, layers if state.work(buffer).source_terms == 0.0 else load.shape[0])
+    state.work(buffer).source_terms = terms
+    clear_sums(buffer, layers if terms == 0.0 else load.shape[0])
     used = layers
     step = state.step(buffer)
     step.duration, step.left = duration, duration
@@ -153,7 +153,11 @@ def advance_explicit(buffer, scene, book, step, layers):
         within.land_in_step(buffer, layers, h, landed, scheme)
         step.length = h * landed
     else:
-        within.sum_step(buffer, layers, h, scheme)
+        size = (layers + 1) * state.work(buffer).active
+        if scheme == explicit.PAIR:
+            pair.integrate_stages(buffer, h, size)
+        else:
+            explicit.integrate_ends(buffer, h, size)
     paid = explicit.take_explicit(buffer, layers, ended)
     if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
         layers = kinks.settle_top(buffer, scene, layers, step.growth)
@@ -181,8 +185,7 @@ def advance_implicit(buffer, scene, book, step, layers):
     work = state.work(buffer)
     if work.part < work.parts:
         until = parts.time_in_part(buffer, moment, step.left)
-        before_sum = blocks.stage(buffer, blocks.K2)
-        vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
+        vectors.copy(blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL))
     step.length = implicit.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows
@@ -199,10 +202,9 @@ def advance_implicit(buffer, scene, book, step, layers):
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place, share = column.places(buffer)
-    passed = state.node_vector(buffer, state.AT.record, 0)
-    passing = state.node_vector(buffer, state.AT.record, 1)
-    before = state.node_vector(buffer, state.AT.column_flux, 0)
+    place, share = state.place(buffer), state.share(buffer)
+    passed, passing = state.recorded(buffer, 0), state.recorded(buffer, 1)
+    before = state.column_flux(buffer, 0)
     now, rate = blocks.stage_passed(buffer, blocks.NOW), blocks.stage_passed(buffer, blocks.K1)
     for i in range(passed.size):
         n = int(place[i])
