@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import dem_scale, import_time, many, step_cost
+from tests.benchmarks import circuits, dem_scale, import_time, many, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -365,3 +365,11 @@ def test_many_designs_in_short(tmp_path: Path) -> None:
     assert result["designs"] == 70
     assert (tmp_path / "many.json").exists()
     assert (tmp_path / "many.png").stat().st_size > 1000
+
+
+def test_many_circuits_in_short(tmp_path: Path) -> None:
+    result = circuits.main(designs=70, repeat=1, output=tmp_path)
+    assert sum(result["status"].values()) == 70
+    assert result["worst"] <= 1e-6
+    assert (tmp_path / "circuits.json").exists()
+    assert (tmp_path / "circuits.png").stat().st_size > 1000
