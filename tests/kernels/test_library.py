@@ -135,6 +135,20 @@ def test_the_library_needs_no_compiler() -> None:
     assert _fresh(NO_COMPILER) == "[]\n"
 
 
+NAMES = """
+from collections import Counter
+import vibroscreen.kernels.entry, vibroscreen.kernels.plan
+from vibroscreen.compiler.language import KERNELS
+named = Counter(f"{kernel.__module__}.{kernel.__qualname__}" for kernel in KERNELS)
+print(sorted(name for name, count in named.items() if count > 1))
+"""
+
+
+def test_every_kernel_has_a_name_of_its_own() -> None:
+    """By it the compiler tells them apart, also those that are made from the shapes of fields."""
+    assert _fresh(NAMES) == "[]\n"
+
+
 BUILD = """
 import ctypes
 from vibroscreen.kernels import library
