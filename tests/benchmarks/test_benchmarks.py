@@ -265,7 +265,7 @@ def test_settings_at_a_level_reach_it(result: tuple[dict[str, dict], Path]) -> N
 @pytest.fixture(scope="module")
 def costs(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
     folder = tmp_path_factory.mktemp("step_cost")
-    return step_cost.main(3, folder, quick=True, fmu=False), folder
+    return step_cost.main(3, folder, quick=True), folder
 
 
 def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
@@ -278,6 +278,26 @@ def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
         assert all(0.0 < cost < math.inf for cost in row["us"].values())
     assert [row["switch"] for row in result["skips"]] == list(state.SWITCH)
     assert {row["what"] for row in result["targets"]} >= {"new frequency every step, us"}
+
+
+def test_all_ways_in_are_timed(costs: tuple[dict, Path]) -> None:
+    """Python, the FMU's C functions, fmpy; the native runtime driven by a program in C."""
+    ways = costs[0]["ways"]
+    assert list(ways) == [
+        "engine",
+        "Screen.advance",
+        "Screen.step, with a result",
+        "FMU, C calls",
+        "FMU, fmpy",
+    ]
+    for row in ways.values():
+        assert list(row) == ["steady scene", "frequency"]
+        assert all(0.0 < cost < math.inf for cost in row.values())
+    edge, native = costs[0]["edge"], costs[0]["native"]
+    assert edge["more"] == pytest.approx(edge["FMU, C calls"] - edge["engine"])
+    assert len(native) == 4
+    assert all(0.0 < cost < math.inf for cost in native.values())
+    assert len(costs[0]["targets"]) >= len(step_cost.TARGET)
 
 
 def test_every_skip_works_and_changes_nothing(costs: tuple[dict, Path]) -> None:
