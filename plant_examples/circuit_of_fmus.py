@@ -61,13 +61,11 @@ PRODUCT = ("screen", "undersize.mass_flow_rate")
 def write_circuit(folder: Path, screen: Path | None = None) -> dict[str, Path]:
     """Write the FMU of each element and the SSP; a copy of the FMU `screen` if it is given."""
     folder.mkdir(parents=True, exist_ok=True)
-    screen_fmu = folder / "VibratingScreen.fmu"
+    copy = folder / "VibratingScreen.fmu"
     fmus = {
         "mixer": write_model(mixer_model(EDGES, FRESH_SIZES, FRESH_FEED), folder),
         "crusher": write_model(crusher_model(EDGES, FRESH_SIZES, CLOSED_SIDE_SETTING), folder),
-        "screen": shutil.copyfile(screen, screen_fmu)
-        if screen
-        else write_native_fmu(CONFIG, folder),
+        "screen": shutil.copyfile(screen, copy) if screen else write_native_fmu(CONFIG, folder),
         "conveyor": write_model(conveyor_model(EDGES, FRESH_SIZES, CONVEYOR_DELAY), folder),
     }
     write_archive(folder / SSP, fmus, WIRES, (OVERSIZE, PRODUCT), DURATION)
@@ -94,9 +92,7 @@ def expected_load() -> float:
 
 def main(
     output: Annotated[Path, typer.Option(help="Folder of FMUs and SSP.")] = FMU.parent / "circuit",
-    screen: Annotated[
-        Path | None, typer.Option(help="Another FMU of the default screen, such as a python one.")
-    ] = None,
+    screen: Annotated[Path | None, typer.Option(help="Another FMU of the default screen.")] = None,
 ) -> tuple[float, float]:
     """Write the circuit, run it with fmpy; return the load it found and the one to expect, 1."""
     fmus = write_circuit(output, screen)

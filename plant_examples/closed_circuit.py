@@ -86,12 +86,6 @@ def answer(regimes: pd.DataFrame) -> str:
     )
 
 
-def report(circuit: Circuit) -> None:
-    """Print the regimes side by side, the balance, and last the answer."""
-    show(circuit)
-    print(answer(circuit.regimes))
-
-
 def main(
     fmu: Annotated[Path, typer.Option(help="The screen; built if missing.")] = FMU,
     output: Annotated[Path, typer.Option(help="Where the picture goes.")] = PICTURE,
@@ -102,7 +96,8 @@ def main(
         circuit = run(screen)
     if draw:
         draw_circuit(circuit.history, output)
-    report(circuit)
+    show(circuit)
+    print(answer(circuit.regimes))
     return circuit
 
 

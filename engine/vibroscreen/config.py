@@ -23,7 +23,7 @@ import numpy as np
 
 from vibroscreen import calibrations, fields
 from vibroscreen.calibrations import NumberSet
-from vibroscreen.calibrations.beyond import beyond
+from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
@@ -210,13 +210,17 @@ class ScreenConfig:
         faults.tell()
 
     @classmethod
-    def load(cls, path: str | Path) -> ScreenConfig:
-        """Configuration from a TOML file. Raises ConfigError, OSError if it cannot be read."""
+    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> ScreenConfig:
+        """Configuration from a TOML file, with other values by key: {"feed.rate_t_h": 350}.
+
+        Raises ConfigError, OSError if it cannot be read.
+        """
         path = Path(path)
         try:
-            return cls.from_dict(_toml_tree(path.read_text(encoding="utf-8")), path.parent)
+            tree = _toml_tree(_text_of(path))
+            return cls.from_dict(edited(cls, tree, changes) if changes else tree, path.parent)
         except ConfigError as error:
-            error.add_note(f"in {path}")
+            error.add_note(f"in {path}{' with what was set' if changes else ''}")
             raise
 
     @classmethod
@@ -279,8 +283,11 @@ class ScreenConfig:
 
         A sentence each, with name, value, range and unit: numbers of displacement, passage,
         segregation and bed that are not those of the named set (its errors do not hold for them);
-        apertures, inclinations, throw numbers, kind of motion and feed outside of the set's range.
+        apertures, inclinations, throw numbers, kind of motion, load (feed over what VSMA finds to
+        be screened at 95 %) and feed of each deck outside of the set's range.
         """
+        from vibroscreen.calibrations.beyond import beyond  # its rules are told of configurations
+
         return list(beyond(self, self.calibration, _sections_of(self.calibration)))
 
     def with_values(self, values: Mapping[str, float]) -> ScreenConfig:
@@ -452,6 +459,13 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
 def legal_keys() -> tuple[str, ...]:
     """Every key of a configuration file, in full, such as `deck.panel.aperture_mm`."""
     return tuple(path for path, _ in fields.leaves(ScreenConfig))
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path.name} is not text in UTF-8: save it in this encoding") from None
 
 
 def _toml_tree(text: str) -> dict[str, Any]:

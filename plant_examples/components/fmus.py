@@ -42,7 +42,7 @@ def mixer_model(edges: Array, composition: Array, fresh_feed: float, inlets: int
         MixerSlave,
         unit,
         f"Mixer of {inlets} streams",
-        "Array are added class by class. Nothing is held: what comes in during a step leaves in "
+        "Streams are added class by class. Nothing is held: what comes in during a step leaves in "
         "it. The start values of the first inlet are a fresh feed.",
         png(_draw_mixer),
     )

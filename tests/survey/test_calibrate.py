@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -333,7 +331,7 @@ def test_bad_runs() -> None:
 
 def test_numbers_by_name() -> None:
     """value_of reads and with_values writes any number by the FMU's name, and checks it."""
-    config = ScreenConfig.load(SCREENS / "two_deck.toml")
+    config = ScreenConfig.load(SCREENS / "two_deck.toml").explicit()
     for name, value in (
         ("deck[2].panel[1].aperture", 0.005),
         ("deck[1].panel[2].inclination", 0.1),
@@ -497,16 +495,7 @@ def test_command_line_tells_errors(tmp_path: Path) -> None:
     assert "none.csv" in bad.stderr
     solved = run(app, ["solve", str(toml)])
     assert solved.exit_code == 0
-    assert "deck 1, " in solved.output
-
-
-def test_command_line_without_its_extra() -> None:
-    """Without typer: what to install, and no traceback."""
-    code = "import sys; sys.modules['typer'] = None; import vibroscreen.cli"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert run.returncode == 1
-    assert run.stderr.strip().endswith("pip install 'vibroscreen[calibrate]'")
-    assert "Traceback" not in run.stderr
+    assert "deck 1" in solved.output
 
 
 def test_fit_says_its_type(noisy: Calibration) -> None:

@@ -1,15 +1,14 @@
-"""The shipped screen with numbers of typical practice is what sizing rules make of it."""
+"""The default screen is what sizing rules make of it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tests.places import SCREENS
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.units import T_H
 
-CONFIG = ScreenConfig.load(SCREENS / "typical.toml")
+CONFIG = ScreenConfig.default()
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +17,7 @@ def screen() -> Screen:
 
 
 def test_recovery_of_the_duty(screen: Screen) -> None:
-    """VSMA says .95, Karra .937 (engine/validation/sizing_rules.py)."""
+    """VSMA says .95, Karra .937 (vibroscreen/sizing_rules.py)."""
     assert 0.93 <= screen.solve_steady().decks[0].efficiency <= 0.95
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from vibroscreen.calibrations import TABLES, NumberSet, Range
 from vibroscreen.errors import given, with_unit
 from vibroscreen.fields import Entry, Number, entries, from_si
 from vibroscreen.motion import Motion
 from vibroscreen.sections import BESIDE, BOUNCE, CLOSURES
+from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -82,7 +81,7 @@ def _idle(section: Any, entry: Number) -> bool:
     """Whether a number is of a model or law that the section has not chosen."""
     if entry.tells.endswith(BOUNCE):
         return bool(section.law != "bounce")
-    return "used by" in entry.tells and section.model not in entry.tells.split()
+    return "used by" in entry.tells and not entry.tells.endswith(section.model)
 
 
 def _shown(name: str, entry: Entry, value: float) -> str:
@@ -104,17 +103,23 @@ def _places(config: ScreenConfig) -> Iterator[tuple[str, str, float]]:
         throw = config.motion.throw_number(slope, slope - first)
         yield "throw_number", f"throw number of deck[{d}]", throw
     yield "acceleration", "K", config.motion.peak_acceleration
-    aperture, edges = config.largest_apertures[0], np.array(config.size_classes.edges)
-    fraction = np.array(config.feed.mass_fraction)
-    passed = np.concatenate([[0.0], np.cumsum(fraction)])
-    half, whole = np.interp([0.5 * aperture, aperture], edges, passed)
-    coarse = max(0.0, 1.0 - float(whole))
-    yield "oversize", f"part of the feed above {aperture / MM:.4g} mm", coarse
+    for number, rules in enumerate(rules_of(config), start=1):
+        yield from _of_feed(f"of deck[{number}]", rules)
+
+
+def _of_feed(deck: str, rules: Rules) -> Iterator[tuple[str, str, float]]:
+    """What ranges tell of the feed of a deck."""
+    half, whole = (rules.passing(part * rules.aperture) for part in (0.5, 1.0))
+    if rules.rate > 0.0:
+        yield "load", f"load {deck} (feed over VSMA's at 95 %)", rules.load
+    yield "oversize", f"part of the feed {deck} above the aperture", max(0.0, 1.0 - whole)
     if whole > 0.0:
-        what = f"part of the feed below {aperture / MM:.4g} mm that is finer than half of it"
-        yield "half_size", what, float(half / whole)
-    top = float(edges[1:][fraction > 0.0].max())
-    yield "top_size", "largest size of the feed over the aperture", top / aperture
+        what = f"part of the undersize in the feed {deck} finer than half the aperture"
+        yield "half_size", what, half / whole
+    edges, fraction = rules.config.size_classes.edges, rules.config.feed.mass_fraction
+    top = max(edge for edge, share in zip(edges[1:], fraction, strict=True) if share > 0.0)
+    largest = min(top, rules.above)
+    yield "top_size", f"largest size in the feed {deck} over the aperture", largest / rules.aperture
 
 
 def kind_of(motion: Motion) -> str:

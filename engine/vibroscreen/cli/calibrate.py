@@ -1,0 +1,114 @@
+"""`vibroscreen calibrate`: numbers of the model from a survey."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vibroscreen.calibrate import Parameter, Run, calibrate
+from vibroscreen.cli.options import Plot, ScreenFile
+from vibroscreen.cli.terminal import progress, say, table, tell
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import InputError
+from vibroscreen.screen import settings_of
+from vibroscreen.sections import BESIDE
+from vibroscreen.survey import read_survey
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FITTED = ("passage.velocity", "segregation.velocity")  # or what they are over the aperture
+# Bounds of a parameter that is given without: its value over and times this, within what is legal.
+REACH = 100.0
+EXAMPLES = """vibroscreen calibrate survey.csv screen.toml
+vibroscreen calibrate survey.csv screen.toml --fit passage.relative_velocity=0.1:10 --plot fit.png"""
+
+
+def command(
+    survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="What was measured (CSV).")],
+    screen: ScreenFile,
+    fit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=LOWER:UPPER]",
+            help="A number to fit, by the FMU's name, with its bounds in SI units. Again for more. "
+            f"Default: {', '.join(FITTED)}, or relative_velocity where the screen has that.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="The new TOML; by default SCREEN_calibrated.toml."),
+    ] = None,
+    plot: Plot = None,
+    starts: Annotated[int, typer.Option(min=1, help="Searches, from different places.")] = 8,
+    leave_out: Annotated[
+        bool, typer.Option(help="Fit again without each run (or group), and predict it.")
+    ] = True,
+) -> None:
+    """Fit numbers of a screen to a survey and write it with them."""
+    config = ScreenConfig.load(screen)
+    runs = read_survey(survey, config)
+    parameters = [_parameter(text, runs[0]) for text in fit or _usual(config)]
+    with progress("searching") as advance:
+        result = calibrate(runs, parameters, starts=starts, leave_out=leave_out, progress=advance)
+    found = result.fit
+    _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "Fitted, SI units")
+    names = [p.name for p in parameters]
+    if len(names) > 1:
+        rows = zip(names, found.correlation, strict=True)
+        table("Correlation", ("", *names), [(name, *map(_text, row)) for name, row in rows])
+    _print(result.frame().groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
+    say(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
+    if found.held_out:
+        say(f"RMSE of runs left out of the fit: {found.held_out_rmse:.4f}")
+    for warning in found.warnings:
+        tell(f"warning: {warning}", "yellow")
+    target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
+    target.write_text(result.configure(config).to_toml(), encoding="utf-8")
+    if plot is not None:
+        from vibroscreen.report import draw_calibration
+
+        draw_calibration(result, plot)
+    tell(f"written: {target}{f', {plot}' if plot else ''}")
+
+
+def _rms(values: pd.Series[float]) -> float:
+    return float((values**2).mean() ** 0.5)
+
+
+def _usual(config: ScreenConfig) -> list[str]:
+    """Both velocities, in m/s or over the aperture as the screen has them."""
+    return [name if config.value_of(name) > 0.0 else BESIDE[name] for name in FITTED]
+
+
+def _parameter(text: str, run: Run) -> Parameter:
+    """A parameter from NAME or NAME=LOWER:UPPER."""
+    name, equals, bounds = text.partition("=")
+    name = name.strip()
+    value = run.config.value_of(name)
+    if equals:
+        try:
+            lower, upper = (float(bound) for bound in bounds.split(":"))
+        except ValueError:
+            raise InputError(
+                f"--fit {text}: {bounds!r} are no bounds: write {name}=LOWER:UPPER", name
+            ) from None
+    elif value > 0.0:
+        known = {number.name: number for number in settings_of(run.config) if number}
+        least, most = known[name].limits
+        lower, upper = max(value / REACH, least), min(value * REACH, most)
+    else:
+        raise InputError(f"{name} = {value:g} gives no bounds: write {name}=LOWER:UPPER", name)
+    return Parameter(name, lower, upper, scale="log" if lower > 0.0 else "linear")
+
+
+def _text(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _print(frame: pd.DataFrame, title: str) -> None:
+    """A pandas table, its index first."""
+    columns = (str(frame.index.name or ""), *map(str, frame.columns))
+    table(title, columns, [(str(index), *map(_text, row)) for index, row in frame.iterrows()])

@@ -1,0 +1,103 @@
+"""What commands say: results on the standard output, everything else on that of errors.
+
+Text is set in 80 columns, or less where the terminal is narrower, whether there is a terminal or
+not: a file gets what a person sees, but for the colours.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from vibroscreen.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Advance", "picture", "progress", "say", "table", "tell", "tell_error", "written"]
+
+WIDTH = 80
+
+
+def _console(*, errors: bool = False) -> Console:
+    """A console on the stream that is one now: tests put others in their places."""
+    width = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
+    return Console(stderr=errors, width=width, markup=False, highlight=False, emoji=False)
+
+
+def _text(text: str, style: str = "") -> Text:
+    """Text that is shown as it is: no markup, and nothing that a terminal takes for an order."""
+    shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return Text(shown, style=style)
+
+
+def say(text: str = "", style: str = "") -> None:
+    """Print a line of the result, wrapped between words."""
+    _console().print(_text(text, style))
+
+
+def tell(text: str, style: str = "") -> None:
+    """Print what is not the result: where a file went, what went wrong. Never wrapped."""
+    _console(errors=True).print(_text(text, style), soft_wrap=True)
+
+
+def tell_error(error: BaseException) -> None:
+    """Print what is wrong and, below it, what was said beside."""
+    tell("\n".join([_text_of(error), *getattr(error, "__notes__", ())]), "red")
+
+
+def _text_of(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    return str(error)
+
+
+def written(*files: Path) -> None:
+    """Print which files were written."""
+    tell(f"written: {', '.join(map(str, files))}")
+
+
+def picture(figure: Figure, path: Path) -> None:
+    """Write a picture in the format that its name ends in. Raises InputError for none."""
+    try:
+        figure.savefig(path)
+    except ValueError:
+        raise InputError(
+            f"--plot {path}: {path.suffix or path.name!r} is no format of a picture: let the name "
+            "end in .png, .svg or .pdf"
+        ) from None
+    written(path)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table: the first column to the left, numbers to the right."""
+    found = Table(box=None, pad_edge=False)
+    for place, column in enumerate(columns):
+        found.add_column(_text(column), justify="right" if place else "left", overflow="fold")
+    for row in rows:
+        found.add_row(*map(_text, row))
+    say(title, "bold")
+    _console().print(found)
+
+
+class Advance(Protocol):
+    """Called with what is done, and of how much."""
+
+    def __call__(self, done: int, of: int, /) -> None: ...
+
+
+@contextmanager
+def progress(doing: str) -> Iterator[Advance]:
+    """A bar with what is going on, gone when it is done; only where somebody looks at it."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=_console(errors=True), transient=True) as bar:
+        task = bar.add_task(doing, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
