@@ -240,6 +240,7 @@ class CalibrationEntry(Entry):
     """A named set: its name where it is shipped, else the set itself."""
 
     key = "calibration"
+    tells = "Named set of the numbers that are not written here, or the path of one of your own"
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if isinstance(raw, Mapping):

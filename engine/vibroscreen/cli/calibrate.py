@@ -23,7 +23,7 @@ FITTED = ("passage.velocity", "segregation.velocity")  # or what they are over t
 # Bounds of a parameter that is given without: its value over and times this, within what is legal.
 REACH = 100.0
 EXAMPLES = """vibroscreen calibrate survey.csv screen.toml
-vibroscreen calibrate survey.csv screen.toml --fit passage.relative_velocity=0.1:10 --plot fit.png"""
+vibroscreen calibrate survey.csv screen.toml --fit passage.relative_velocity=.1:10 --plot a.png"""
 
 
 def command(
