@@ -30,7 +30,6 @@ from scipy.optimize import least_squares
 
 from evidence import PICTURES, Section, table
 from vibroscreen import Screen, ScreenConfig, solve_steady_many
-from vibroscreen.calibrations import TYPICAL
 from vibroscreen.config import QUARRY_EDGES
 from vibroscreen.kernels.physics.closure import (
     passage_factor,
@@ -39,6 +38,7 @@ from vibroscreen.kernels.physics.closure import (
 )
 from vibroscreen.kernels.physics.motion import GRAVITY
 from vibroscreen.motion import Motion, conveying_regime, transport_velocity
+from vibroscreen.number_sets import TYPICAL
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sizing_rules import (

@@ -21,14 +21,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibroscreen import calibrations, fields
-from vibroscreen.calibrations import NumberSet
+from vibroscreen import fields, number_sets
 from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
 from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
+from vibroscreen.number_sets import NumberSet
 from vibroscreen.sections import (
     CLOSURES,
     Bed,
@@ -233,7 +233,7 @@ class ScreenConfig:
         """Configuration from the tree of a TOML file; file names are relative to `folder`."""
         with reading(cls, tree):
             try:
-                full = calibrations.completed(tree, Path(folder))
+                full = number_sets.completed(tree, Path(folder))
                 return fields.read_table(cls, full, "", Path(folder))
             except ConfigError as error:
                 if coarse_first(file_value("size_classes", "edges_mm")):
@@ -276,7 +276,7 @@ class ScreenConfig:
     @property
     def calibration(self) -> NumberSet:
         """The named set of numbers that the screen rests on, and what that was fitted to."""
-        return calibrations.found(self.material.calibration)
+        return number_sets.found(self.material.calibration)
 
     def beyond_calibration(self) -> list[str]:
         """What of the screen lies outside of what its numbers were fitted to; empty if nothing.
@@ -286,7 +286,7 @@ class ScreenConfig:
         apertures, inclinations, throw numbers, kind of motion, load (feed over what VSMA finds to
         be screened at 95 %) and feed of each deck outside of the set's range.
         """
-        from vibroscreen.calibrations.beyond import beyond  # its rules are told of configurations
+        from vibroscreen.beyond import beyond  # its rules are told of configurations
 
         return list(beyond(self, self.calibration, _sections_of(self.calibration)))
 
@@ -371,7 +371,7 @@ def _sections_of(named: NumberSet) -> dict[str, Any]:
     try:
         return {
             name: fields.read_table(kind, getattr(named, name), name, Path())
-            for name, kind in zip(calibrations.TABLES, kinds, strict=True)
+            for name, kind in zip(number_sets.TABLES, kinds, strict=True)
         }
     except ConfigError as error:
         error.add_note(f'in the set "{named.name}"')
@@ -386,7 +386,7 @@ def _filled(section: Any, usual: Any) -> Any:
         {name: value for name in entries(type(one)) if (value := getattr(one, name)) is not None}
         for one in (section, usual)
     )
-    more = calibrations.missing(given, numbers)
+    more = number_sets.missing(given, numbers)
     return dataclasses.replace(section, **more) if more else section
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from vibroscreen import registry
-from vibroscreen.calibrations import TYPICAL, CalibrationEntry, NumberSet
 from vibroscreen.errors import ConfigError
 from vibroscreen.fields import (
     Choice,
@@ -30,6 +29,7 @@ from vibroscreen.fields import (
     to_si,
     told_of,
 )
+from vibroscreen.number_sets import TYPICAL, CalibrationEntry, NumberSet
 from vibroscreen.units import DEG, MM
 
 __all__ = [
@@ -236,7 +236,7 @@ class Material:
     """Bulk density [kg/m3] and friction coefficients [1] on the deck and inside the bed.
 
     calibration: the named set that gives the numbers of displacement, passage, segregation and bed
-    which a file does not write, or a ScreenConfig is not given (`vibroscreen.calibrations`): a
+    which a file does not write, or a ScreenConfig is not given (`vibroscreen.number_sets`): a
     name, a path of a set of one's own, or the set.
     """
 

@@ -82,10 +82,9 @@ configs = [ScreenConfig.load(path) for path in sys.argv[1:]]
 plate = configs.pop()
 for config in configs[:]:  # with the numbers of version 0.4.0
     changes = dict(FIXED)
-    if config.displacement.model == "prescribed":
+    if config.displacement.model == "prescribed":  # the banana screen
         changes["displacement"] = config.displacement
-    if config.bed.contact_depth is not None:
-        changes["bed"] = dataclasses.replace(config.bed, layers=16)
+        changes["bed"] = dataclasses.replace(changes["bed"], contact_depth=0.015)
     configs.append(config.replace(**changes))
 for config in [*configs, plate]:
     screen = Screen(config)

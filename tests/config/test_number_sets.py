@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vibroscreen import Motion, ScreenConfig, calibrations
-from vibroscreen.calibrations import NumberSet
+from vibroscreen import Motion, ScreenConfig, number_sets
 from vibroscreen.errors import ConfigError
+from vibroscreen.number_sets import NumberSet
 from vibroscreen.sections import Material, Passage
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
@@ -51,8 +51,8 @@ def load(folder: Path, more: str = "") -> ScreenConfig:
 
 
 def test_the_shipped_sets_can_be_read() -> None:
-    assert calibrations.names()[0] == "typical dry stone"
-    for name in calibrations.names():
+    assert number_sets.names()[0] == "typical dry stone"
+    for name in number_sets.names():
         config = ScreenConfig(SizeClasses((0.0, 0.008, 0.02)), material=Material(calibration=name))
         assert config.calibration.name == config.material.calibration == name
         assert config.calibration.fitted_to

@@ -2,9 +2,9 @@
 
 A set is a TOML file. Its tables [displacement], [passage], [segregation] and [bed], with the keys
 of a screen's file, are the numbers that a screen which names the set does not write itself;
-`fitted_to`, `rmse`, `source` and [range] say what they rest on. The files beside this one have
-names (`names()`); any other is named by its path. "typical dry stone" has no numbers of its own:
-they are the defaults of `sections.py`.
+`fitted_to`, `rmse`, `source` and [range] say what they rest on. The files in `calibrations` are
+known by their names (`names()`); any other is named by its path. "typical dry stone" has no numbers
+of its own: they are the defaults of `sections.py`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 TYPICAL = "typical dry stone"
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).with_name("calibrations")
 # Tables of a screen that a set has numbers of.
 TABLES = ("displacement", "passage", "segregation", "bed")
 # What says the same in another way, keys without their unit: who gives one of them does not want
@@ -207,7 +207,7 @@ class NumberSet:
 
 @cache
 def _shipped() -> dict[str, NumberSet]:
-    """The sets beside this file by name, the typical one first."""
+    """The sets of FOLDER by name, the typical one first."""
     found = [NumberSet.load(path) for path in sorted(FOLDER.glob("*.toml"))]
     return {one.name: one for one in sorted(found, key=lambda one: one.name != TYPICAL)}
 

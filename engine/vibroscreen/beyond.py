@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from vibroscreen.calibrations import TABLES, NumberSet, Range
 from vibroscreen.errors import given, with_unit
 from vibroscreen.fields import Entry, Number, entries, from_si
 from vibroscreen.motion import Motion
+from vibroscreen.number_sets import TABLES, NumberSet, Range
 from vibroscreen.sections import BESIDE, BOUNCE, CLOSURES
 from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.units import DEG, MM
