@@ -17,8 +17,9 @@ import pytest
 from tests.fixed import FIXED
 from tests.places import ROOT, SCREENS
 from vibroscreen import InputError, Screen, ScreenConfig, report
-from vibroscreen.report.contents import BOX, DECK, LOAD, UNITS, text_of
+from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, UNITS, text_of
 from vibroscreen.report.specification import Specification, read_specification
+from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import KW, MM, PERCENT, T_H
 
@@ -101,6 +102,9 @@ def test_every_deck_has_the_numbers_of_its_result(page: str, double: SteadyResul
     found = rows(parsed(page))
     for figure in (*DECK, *LOAD):
         wanted = [getattr(deck, figure.scalar) for deck in double.decks]
+        assert any(same(values, wanted) for values in found[figure.label]), figure.label
+    for figure in RULES:
+        wanted = [getattr(rule, figure.scalar) for rule in rules_of(DOUBLE)]
         assert any(same(values, wanted) for values in found[figure.label]), figure.label
     for figure in BOX:
         assert [getattr(double, figure.scalar)] in found[figure.label]

@@ -16,9 +16,11 @@ from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.fields import Choice, Number, entries, nearest
-from vibroscreen.practice import GREEN, RED, Finding, findings
+from vibroscreen.practice import GREEN, RED, Finding, findings, sizing_rules
 from vibroscreen.report import pictures
 from vibroscreen.report.specification import Reading, Specification
+from vibroscreen.results import DeckResult
+from vibroscreen.sizing_rules import Rules
 from vibroscreen.steady import Array, SteadyResult
 from vibroscreen.units import DEG, KN, KW, MM, PERCENT, RPM, T_H
 
@@ -38,7 +40,7 @@ class Shown(NamedTuple):
 
 # What a unit of a report is in SI; digits that are shown.
 UNITS = {
-    **dict.fromkeys(("", "kg", "m", "m/s", "kg/m3"), 1.0),
+    **dict.fromkeys(("", "kg", "m", "m2", "m/s", "kg/m3"), 1.0),
     **{"%": PERCENT, "mm": MM, "deg": DEG, "t/h": T_H, "kW": KW, "kN": KN, "1/min": RPM},
 }
 DIGITS = 4
@@ -61,6 +63,14 @@ LOAD = (
     Shown("transport_velocity", "velocity of the bed, first panel", "m/s"),
     Shown("hold_up", "lies on it", "kg"),
     Shown("throw_number", "throw number, first panel"),
+)
+RULES = (
+    Shown("area", "area", "m2"),
+    Shown("area_at_95", "VSMA: area for 95 %", "m2"),
+    Shown("load", "the same over the area"),
+    Shown("vsma_recovery", "VSMA: efficiency, its table has 70 to 95", "%"),
+    Shown("karra_recovery", "Karra: efficiency", "%"),
+    Shown("cut_size", "Karra: cut size d50", "mm"),
 )
 BOX = (
     Shown("drive_power", "power of the drive", "kW"),
@@ -154,6 +164,16 @@ class Sheet:
             ]
             told = "; ".join(missed) or f"within its limits at {len(readings)} sizes"
             yield Finding(RED if missed else GREEN, f"{product}, specification", told)
+
+    @property
+    def decks(self) -> tuple[DeckResult[float], ...]:
+        """Results of every deck."""
+        return self.steady.decks
+
+    @cached_property
+    def rules(self) -> tuple[Rules, ...]:
+        """What the sizing rules say of every deck."""
+        return sizing_rules(self.steady)
 
     @property
     def motion(self) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -141,6 +142,14 @@ def draw_gradation(axes: Axes, result: Told, specification: Sequence[Specificati
             alpha=0.18,
             linewidth=0.0,
             label=f"specified: {product_name(band.product)}",
+        )
+        axes.vlines(
+            band.size / MM,
+            band.least / PERCENT,
+            band.most / PERCENT,
+            color=look["color"],
+            alpha=0.35,
+            linewidth=4.0,
         )
     looks = [{"color": FEED, "linestyle": "-"}, *_looks(len(streams) - 1)]
     for (name, stream), look in zip(streams.items(), looks, strict=True):
@@ -279,24 +288,28 @@ def draw_sketch(axes: Axes, config: ScreenConfig, result: Told | None = None) ->
         z = top - np.append(0.0, (lengths * np.sin(slopes)).cumsum())
         axes.plot(x, z, "|-", color=STEEL, linewidth=0.6, markersize=7.0)
         axes.plot(x, z, color=FEED, linewidth=2.6, linestyle=(0, (1.6, 0.7)))
-        for place, panel in enumerate(deck.panels):
-            if place == 0 or panel.aperture != deck.panels[place - 1].aperture:
-                axes.annotate(
-                    f"{panel.aperture / MM:.4g} mm",
-                    (x[place : place + 2].mean(), z[place : place + 2].mean()),
-                    (6.0 * np.sin(panel.inclination), 6.0 * np.cos(panel.inclination)),
-                    textcoords="offset points",
-                    ha="center",
-                    va="center",
-                    rotation=-panel.inclination / DEG,
-                )
+        first = 0
+        for aperture, alike in groupby(deck.panels, key=lambda panel: panel.aperture):
+            last = first + len(list(alike))
+            middle = (first + last) // 2
+            slope = slopes[middle]
+            axes.annotate(
+                f"{aperture / MM:.4g} mm",
+                (x[middle : middle + 2].mean(), z[middle : middle + 2].mean()),
+                (6.0 * np.sin(slope), 6.0 * np.cos(slope)),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                rotation=-slope / DEG,
+            )
+            first = last
         _arrow(axes, (x[-1], z[-1]), (0.08 * length, -0.03 * length), arrow)
         axes.text(x[-1] + 0.09 * length, z[-1] - 0.03 * length, rate, va="center")
-        low, middle = min(low, z[-1]), 0.5 * x[-1]
+        low, half = min(low, z[-1]), 0.5 * x[-1]
     _arrow(axes, (0.03 * length, 0.13 * length), (0.0, -0.11 * length), arrow)
     axes.text(0.05 * length, 0.1 * length, feed, va="center")
-    _arrow(axes, (middle, low - 0.02 * length), (0.0, -0.09 * length), arrow)
-    axes.text(middle + 0.02 * length, low - 0.08 * length, under, va="center")
+    _arrow(axes, (half, low - 0.02 * length), (0.0, -0.09 * length), arrow)
+    axes.text(half + 0.02 * length, low - 0.08 * length, under, va="center")
     _draw_orbit(axes, config, (0.7 * length, 0.16 * length), SHOWN_STROKE * length)
     _draw_scale(axes, length, low - 0.17 * length)
     axes.margins(0.02)
