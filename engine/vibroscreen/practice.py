@@ -70,13 +70,14 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
         low="the bed is hardly thrown, near-size grains stay in the openings",
         high="hard on the machine, and grains meet the openings less often",
     )
-    yield _within(
-        "acceleration K",
-        steady.acceleration_number,
-        USUAL_K,
-        low="a gentle drive, few tries for a grain",
-        high="boxes are seldom built for it",
-    )
+    if steady.acceleration_number > 0.0:  # it is that of the fundamental, which may be none
+        yield _within(
+            "acceleration K",
+            steady.acceleration_number,
+            USUAL_K,
+            low="a gentle drive, few tries for a grain",
+            high="boxes are seldom built for it",
+        )
     for name, reason in steady.alarm_reasons.items():
         if name not in TOLD:
             yield Finding(AMBER if name in MILD else RED, name, reason)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -93,6 +94,11 @@ def text_of(value: float, unit: str = "") -> str:
     return np.format_float_positional(number, DIGITS, unique=False, fractional=False, trim="-")
 
 
+# What matplotlib would say of a picture, and where it places things to a millionth of a pixel.
+METADATA = ("Creator", "Date", "Format", "Type")
+ATTRIBUTE = re.compile(r'"[^"]*"')
+
+
 class Picture(NamedTuple):
     """A picture as a page holds it, its name, and what it says."""
 
@@ -103,11 +109,17 @@ class Picture(NamedTuple):
 
 def _picture(figure: Figure, name: str, says: str) -> Picture:
     """A matplotlib figure as SVG in a data URI: an image runs nothing and keeps its ids."""
-    out = io.BytesIO()
+    out = io.StringIO()
     with pictures.styled():
-        figure.savefig(out, format="svg", dpi=200, metadata={"Date": None, "Creator": None})
-    text = base64.b64encode(out.getvalue()).decode("ascii")
+        figure.savefig(out, format="svg", dpi=200, metadata=dict.fromkeys(METADATA))
+    short = re.sub(r"\n\s*", "\n", ATTRIBUTE.sub(_rounded, out.getvalue()))
+    text = base64.b64encode(short.encode()).decode("ascii")
     return Picture(f"data:image/svg+xml;base64,{text}", name, says)
+
+
+def _rounded(attribute: re.Match[str]) -> str:
+    """The value of an attribute with two digits behind each point: a hundredth of a pixel."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
 
 
 class Setting(NamedTuple):
@@ -163,7 +175,9 @@ class Sheet:
                 if not r.met
             ]
             told = "; ".join(missed) or f"within its limits at {len(readings)} sizes"
-            yield Finding(RED if missed else GREEN, f"{product}, specification", told)
+            yield Finding(
+                RED if missed else GREEN, f"{pictures.product_name(product)}, specification", told
+            )
 
     @property
     def decks(self) -> tuple[DeckResult[float], ...]:
@@ -179,14 +193,15 @@ class Sheet:
     def motion(self) -> str:
         """The vibration in words."""
         motion = self.config.motion
+        frequency, per_minute = motion.frequency, text_of(motion.frequency, "1/min")
+        swings = f"{text_of(frequency)} Hz ({per_minute} 1/min)"
+        if motion.harmonic:
+            return f"{len(motion.harmonic)} harmonics of {swings}"
         shape = {0.0: "linear", 1.0: "circular, with the flow", -1.0: "circular, against the flow"}
         kind = shape.get(motion.ellipticity, f"elliptical ({motion.ellipticity:.3g})")
-        extra = f", {len(motion.harmonic)} harmonics" if motion.harmonic else ""
-        return (
-            f"{kind}{extra}, stroke {text_of(2.0 * motion.amplitude, 'mm')} mm at "
-            f"{text_of(motion.frequency)} Hz ({text_of(motion.frequency, '1/min')} 1/min), "
-            f"{text_of(motion.throw_angle, 'deg')} deg over the first panel"
-        )
+        way = f"{text_of(motion.throw_angle, 'deg')} deg over the first panel"
+        stroke = f"{kind}, stroke {text_of(2.0 * motion.amplitude, 'mm')} mm at {swings}"
+        return stroke if abs(motion.ellipticity) == 1.0 else f"{stroke}, {way}"
 
     @property
     def sizes(self) -> dict[str, tuple[float, ...]]:
@@ -216,7 +231,10 @@ class Sheet:
     def gradation(self) -> Picture:
         """Gradations of feed and products."""
         says = "Gradations at the limits of the size classes."
-        return self._drawn(pictures.draw_gradation, "Gradations", says, self.specification)
+        figure = pictures.picture(
+            pictures.draw_gradation, self.steady, self.specification, height=1.15 * pictures.HEIGHT
+        )
+        return _picture(figure, "Gradations", says)
 
     @cached_property
     def partition(self) -> Picture:

@@ -47,13 +47,14 @@ __all__ = [
 Array = NDArray[np.float64]
 
 # Colours that people tell apart who see fewer of them (Okabe and Ito), and dashes for paper.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 FEED, STEEL, BAND = "#222222", "#555555", "#e6e6e6"
 STYLE: dict[Any, Any] = {
     "text.parse_math": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "vibroscreen",
+    "font.sans-serif": ["DejaVu Sans", "Arial"],
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.spines.top": False,
@@ -133,7 +134,10 @@ def draw_gradation(axes: Axes, result: Told, specification: Sequence[Specificati
     edges = np.array(result.size_classes.edges) / MM
     shown = edges > 0.0
     streams = result.streams
-    for band, look in zip(specification, _looks(len(specification)), strict=True):
+    looks = [{"color": FEED, "linestyle": "-"}, *_looks(len(streams) - 1)]
+    by_name = dict(zip(streams, looks, strict=True))
+    for band in specification:
+        look = by_name[band.product]
         axes.fill_between(
             band.size / MM,
             band.least / PERCENT,
@@ -151,14 +155,16 @@ def draw_gradation(axes: Axes, result: Told, specification: Sequence[Specificati
             alpha=0.35,
             linewidth=4.0,
         )
-    looks = [{"color": FEED, "linestyle": "-"}, *_looks(len(streams) - 1)]
     for (name, stream), look in zip(streams.items(), looks, strict=True):
         if stream.mass_flow_rate > 0.0:
             passing = stream.passing[shown] / PERCENT
             axes.plot(edges[shown], passing, marker="o", label=product_name(name), **look)
     _sizes_along(axes)
     axes.set(ylabel="passing [%]", ylim=(-2.0, 102.0))
-    axes.legend()
+    if len(streams) + len(specification) <= 4:
+        axes.legend()
+    else:  # it would lie on the curves
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5, ncols=2)
 
 
 def draw_partition(axes: Axes, result: Told) -> None:
@@ -168,7 +174,7 @@ def draw_partition(axes: Axes, result: Told) -> None:
             continue
         curve = deck.partition
         name = f"deck {deck.deck}, {deck.aperture / MM:.4g} mm"
-        axes.plot(curve.size / MM, curve.to_oversize / PERCENT, marker=".", label=name, **look)
+        axes.plot(curve.size / MM, curve.to_oversize / PERCENT, label=name, **look)
         axes.axvline(deck.aperture / MM, color=look["color"], linewidth=0.6, linestyle=":")
         if curve.crossed:
             axes.plot(curve.cut_size / MM, 50.0, "D", color=look["color"], markersize=4.5)
