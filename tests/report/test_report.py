@@ -47,7 +47,8 @@ def parsed(page: str) -> ElementTree.Element:
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(page)
 
 
-def text(element: ElementTree.Element) -> str:
+def text(element: ElementTree.Element | None) -> str:
+    assert element is not None
     return "".join(element.itertext())
 
 
@@ -116,7 +117,7 @@ def test_every_deck_has_the_numbers_of_its_result(page: str, double: SteadyResul
     for figure in BOX:
         assert [getattr(double, figure.scalar)] in found[figure.label]
     # What an engineer reads: efficiencies of this case are known (tests/screen/test_results.py).
-    body = text(parsed(page).find("body") or ElementTree.Element("none"))
+    body = text(parsed(page).find("body"))
     assert "62.8" in body
     assert "91.2" in body
 
@@ -175,6 +176,55 @@ def test_names_from_files_are_texts(
     assert len(one.encode()) < 1e6
 
 
+# --- what it rests on ----------------------------------------------------------------------------
+OWN = """name = "our <i>stone</i>"
+fitted_to = "4 runs of 200 to 800 t/h"
+rmse = 0.018
+[passage]
+relative_velocity = 0.5
+[range]
+aperture_mm = [10, {most}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("most", "said"), [(40, "Calibrated."), (12, "Calibrated, but not for all of this.")]
+)
+def test_what_it_was_calibrated_on(most: int, said: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(OWN.format(most=most), encoding="utf-8")
+    (tmp_path / "screen.toml").write_text(
+        """[size_classes]
+edges_mm = [0, 2, 4, 8, 16, 31.5, 63]
+[material]
+calibration = "own.toml"
+""",
+        encoding="utf-8",
+    )
+    config = ScreenConfig.load(tmp_path / "screen.toml")
+    (box,) = boxes(report.html(config))
+    assert text(box.find("p")).startswith(said)
+    whose = "those of our <i>stone</i>, fitted to 4 runs of 200 to 800 t/h, with a root mean square"
+    assert whose in " ".join(text(box).split())
+    assert ("known" in box.attrib["class"]) == (most == 40)
+    assert [text(li) for li in box.iter("li")] == config.beyond_calibration()
+
+
+def test_what_was_not_calibrated_is_said(banana: SteadyResult) -> None:
+    first, second = boxes(report.html(ScreenConfig.default(), banana))
+    for box, config in ((first, ScreenConfig.default()), (second, BANANA)):
+        assert text(box.find("p")).startswith("Not calibrated on this screen.")
+        assert config.calibration.fitted_to in " ".join(text(box).split())
+        assert "known" not in box.attrib["class"]
+        assert [text(li) for li in box.iter("li")] == config.beyond_calibration()
+    assert len(list(second.iter("li"))) > 4  # a banana screen is steep, its velocity prescribed
+
+
+def boxes(page: str) -> list[ElementTree.Element]:
+    """The boxes that say what the numbers of a screen rest on."""
+    return [e for e in parsed(page).iter("div") if e.attrib.get("class", "").startswith("box")]
+
+
+# --- PDF -----------------------------------------------------------------------------------------
 def test_the_pdf_holds_the_numbers_and_the_names(double: SteadyResult, tmp_path: Path) -> None:
     path = report.write(DOUBLE.replace(name="<script>$x$ & 'name'"), tmp_path / "screen.pdf")
     pages = [one.extract_text() for one in pypdf.PdfReader(path).pages]
