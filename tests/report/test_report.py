@@ -17,6 +17,7 @@ import pytest
 from tests.fixed import FIXED
 from tests.places import ROOT, SCREENS
 from vibroscreen import InputError, Screen, ScreenConfig, report
+from vibroscreen.report import contents
 from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, UNITS, text_of
 from vibroscreen.report.specification import Specification, read_specification
 from vibroscreen.sections import Deck, Panel
@@ -40,6 +41,14 @@ def double() -> SteadyResult:
 @pytest.fixture(scope="module")
 def banana() -> SteadyResult:
     return Screen(BANANA).solve_steady()
+
+
+@pytest.fixture
+def _one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same small picture in the place of every one, where only words and numbers count."""
+    monkeypatch.setattr(
+        contents, "_picture", lambda figure, name, says: contents.Picture("data:,", name, says)
+    )
 
 
 def parsed(page: str) -> ElementTree.Element:
@@ -135,6 +144,7 @@ def test_products_have_the_numbers_of_their_streams(page: str, double: SteadyRes
     )
 
 
+@pytest.mark.usefixtures("_one_picture")
 def test_two_screens_stand_side_by_side(double: SteadyResult, banana: SteadyResult) -> None:
     tree = parsed(report.html(double, banana))
     found = rows(tree)
@@ -155,6 +165,7 @@ def test_two_screens_stand_side_by_side(double: SteadyResult, banana: SteadyResu
     assert cells["displacement.velocity_m_s"][:2] == ["A \N{EN DASH}", "B 0.45"]
 
 
+@pytest.mark.usefixtures("_one_picture")
 @pytest.mark.parametrize("name", [HOSTILE, "<n" * 25_000, "\n\t"])
 def test_names_from_files_are_texts(
     name: str, double: SteadyResult, page: str, tmp_path: Path
@@ -187,6 +198,7 @@ aperture_mm = [10, {most}]
 """
 
 
+@pytest.mark.usefixtures("_one_picture")
 @pytest.mark.parametrize(
     ("most", "said"), [(40, "Calibrated."), (12, "Calibrated, but not for all of this.")]
 )
@@ -209,6 +221,7 @@ calibration = "own.toml"
     assert [text(li) for li in box.iter("li")] == config.beyond_calibration()
 
 
+@pytest.mark.usefixtures("_one_picture")
 def test_what_was_not_calibrated_is_said(banana: SteadyResult) -> None:
     first, second = boxes(report.html(ScreenConfig.default(), banana))
     for box, config in ((first, ScreenConfig.default()), (second, BANANA)):
@@ -258,6 +271,7 @@ size_mm, least_percent, most_percent, product
 """
 
 
+@pytest.mark.usefixtures("_one_picture")
 def test_products_against_their_specification(double: SteadyResult, tmp_path: Path) -> None:
     path = tmp_path / "band.csv"
     path.write_text(BAND, encoding="utf-8")
