@@ -165,7 +165,7 @@ RMSE {fit.rmse:.4f}, each feed rate left out {fit.held_out_rmse:.4f}: {values}.
   deck: the engine does, and there is nothing to compare.
 
 `hp500_surveys.csv` (cone crusher surveys) holds nothing about screens; it checks the power of the
-crusher in the closed circuit (`tests/examples/test_components.py`).
+crusher in the closed circuit (`tests/circuit/test_units.py`).
 """
 
 

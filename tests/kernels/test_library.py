@@ -10,11 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.places import ROOT, SCREENS
 from vibroscreen.compiler import whole
-from vibroscreen.compiler.language import kernel
+from vibroscreen.compiler.language import Record, Row, kernel
 from vibroscreen.compiler.library import says
 from vibroscreen.kernels import library
 
@@ -144,6 +145,20 @@ def test_the_library_needs_no_compiler() -> None:
     assert _fresh(NO_COMPILER) == "[]\n"
 
 
+NAMES = """
+from collections import Counter
+import vibroscreen.kernels.entry, vibroscreen.kernels.plan
+from vibroscreen.compiler.language import KERNELS
+named = Counter(f"{kernel.__module__}.{kernel.__qualname__}" for kernel in KERNELS)
+print(sorted(name for name, count in named.items() if count > 1))
+"""
+
+
+def test_every_kernel_has_a_name_of_its_own() -> None:
+    """By it the compiler tells them apart, also those that are made from the shapes of fields."""
+    assert _fresh(NAMES) == "[]\n"
+
+
 BUILD = """
 import ctypes
 from vibroscreen.kernels import library
@@ -185,6 +200,15 @@ def test_an_unknown_engine_is_refused() -> None:
         check=False,
     )
     assert "VIBROSCREEN_ENGINE = 'fast' is unknown: give library, jit or python" in done.stderr
+
+
+def test_a_name_that_a_record_has_not_is_no_attribute() -> None:
+    """So that `hasattr` and `getattr` with a default work on the numbers of a screen."""
+    row = Row(np.array([0.0, 2.0]), 0, Record("length width"))
+    assert (row.width, hasattr(row, "width"), hasattr(row, "height")) == (2.0, True, False)
+    for act in (lambda: row.height, lambda: setattr(row, "height", 1.0)):
+        with pytest.raises(AttributeError, match="height is none of length, width"):
+            act()
 
 
 def test_the_stamp_follows_what_kernels_say() -> None:
