@@ -13,12 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tests.places import DATA
+from tests.places import DATA, ROOT
 from vibroscreen import InputError, ScreenConfig
 from vibroscreen.survey import read_sheets, read_survey
 
 CASES = DATA / "cases"
-SHEETS = (CASES / "survey_sheets.csv").read_text(encoding="utf-8")
+QUARRY = ROOT / "engine" / "validation" / "data" / "quarry_sheets.csv"
+SHEETS = QUARRY.read_text(encoding="utf-8")
 
 # Retained on 8, 4, 2 mm and in the pan: 10, 30, 40 and 20 %.
 PASSING = "run,stream,rate_t_h,sieve_mm,passing_pct\n" + "".join(
@@ -74,7 +75,7 @@ def test_forms_say_the_same(form: str, tmp_path: Path) -> None:
 
 def test_the_sheets_of_a_laboratory() -> None:
     """Each stream on its own sieves; rates dry; the scale that is missing is not made up."""
-    survey = read_sheets(CASES / "survey_sheets.csv")
+    survey = read_sheets(QUARRY)
     assert [run.name for run in survey.runs] == ["morning", "noon", "evening"]
     assert survey.notes == ()
     noon = survey.runs[1].sheets
