@@ -35,6 +35,7 @@ COMMANDS = {
     "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "circuit": "Print the steady state of a circuit of crushers and screens.",
     "study": "Find the design of a circuit that needs the least energy.",
+    "reconcile": "Make the streams of a survey balance by class, and tell what is suspect.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}

@@ -1,5 +1,15 @@
 """From the sheets of a plant's survey to a calibrated screen."""
 
 from vibroscreen.survey.read import Sheet, Survey, SurveyRun, read_sheets, read_survey
+from vibroscreen.survey.reconcile import Noise, Reconciliation, reconcile
 
-__all__ = ["Sheet", "Survey", "SurveyRun", "read_sheets", "read_survey"]
+__all__ = [
+    "Noise",
+    "Reconciliation",
+    "Sheet",
+    "Survey",
+    "SurveyRun",
+    "read_sheets",
+    "read_survey",
+    "reconcile",
+]

@@ -167,6 +167,12 @@ def _column(name: str, notes: list[str]) -> Column:
     """What the name of a column says. Raises InputError."""
     if name in TEXTS or (VARIABLE.fullmatch(name) and "." in name):
         return Column(name, "", "text" if name in TEXTS else "setting", False, 1.0)
+    if name in ("recovery", "feed_fraction", "time_s", "areal_mass_kg_m2"):
+        raise InputError(
+            f"column {name!r} is of a survey of recoveries, which has no streams to balance: "
+            "vibroscreen calibrate takes it as it is",
+            name,
+        )
     words = name.replace("_", " ")
     for pattern, word in WORDS:
         words = re.sub(pattern, word, words)
