@@ -16,7 +16,7 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sizing_rules import rules_of
 from vibroscreen.units import GRAVITY, MM
 
-QUARRY = ROOT / "plant_examples" / "screens" / "typical.toml"
+QUARRY = ROOT / "plant_examples" / "screens" / "quarry.toml"
 # Apertures in mm, and a share of VSMA's feed for 95 % on the deck of 6.0 x 2.4 m.
 DUTIES = [
     (3, 0.5),
