@@ -8,7 +8,6 @@ default numbers, and with three numbers fitted to Karra's curves at five feed ra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,9 +18,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from evidence import PICTURES, Section, table
-from sizing_rules import karra_cut_size, karra_partition, vsma_area, vsma_recovery
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
+from vibroscreen.sizing_rules import Rules
 from vibroscreen.units import MM, T_H
 
 Array = NDArray[np.float64]
@@ -34,69 +33,6 @@ PARAMETERS = (
     Parameter("segregation.velocity", 0.01, 10.0),
     Parameter("segregation.dilation", 0.1 * MM, 50.0 * MM),
 )
-SIZES_IN_CLASS = 200  # over which Karra's curve is averaged
-
-
-@dataclass(frozen=True)
-class Rules:
-    """What VSMA and Karra say of a screen at a feed rate [kg/s]; sizes in m."""
-
-    config: ScreenConfig
-    rate: float
-
-    def passing(self, size: float) -> float:
-        """Passing of the feed, linear between the limits of the classes."""
-        passed = np.concatenate([[0.0], np.cumsum(self.config.feed.mass_fraction)])
-        return float(np.interp(size, self.config.size_classes.edges, passed))
-
-    @property
-    def area_at_95(self) -> float:
-        """Area that VSMA asks for at 95 % [m2]."""
-        panel = self.config.decks[0].panels[0]
-        return vsma_area(
-            self.rate * self.passing(panel.aperture),
-            self.passing,
-            panel.aperture,
-            panel.open_area,
-            self.config.material.bulk_density,
-        )
-
-    @property
-    def vsma_recovery(self) -> float:
-        """Undersize recovery by VSMA."""
-        deck = self.config.decks[0]
-        return vsma_recovery(deck.width * deck.length, self.area_at_95)
-
-    @property
-    def cut_size(self) -> float:
-        """Karra's d50."""
-        deck = self.config.decks[0]
-        panel = deck.panels[0]
-        return karra_cut_size(
-            self.rate * self.passing(panel.aperture),
-            self.passing,
-            panel.aperture,
-            panel.open_area,
-            self.config.material.bulk_density,
-            deck.width * deck.length,
-            panel.inclination,
-        )
-
-    @property
-    def class_recovery(self) -> Array:
-        """Recovery of each class by Karra's partition curve."""
-        classes = self.config.size_classes
-        place = (np.arange(SIZES_IN_CLASS) + 0.5) / SIZES_IN_CLASS
-        sizes = classes.lower[:, None] + (classes.upper - classes.lower)[:, None] * place
-        recovery: Array = 1.0 - karra_partition(sizes, self.cut_size).mean(axis=1)
-        return recovery
-
-    @property
-    def karra_recovery(self) -> float:
-        """Undersize recovery by Karra's partition curve."""
-        fraction = np.array(self.config.feed.mass_fraction)
-        finer = self.config.size_classes.upper <= self.config.decks[0].panels[0].aperture
-        return float((self.class_recovery * fraction)[finer].sum() / fraction[finer].sum())
 
 
 def fit_to_karra(config: ScreenConfig) -> Calibration:
@@ -192,7 +128,7 @@ def write(pictures: Path) -> str:
     ten_times = solve_steady_many(faster, {"feed.mass_flow_rate": RATES}).undersize_recovery[4]
     at_300 = frame.loc[300.0]
     return f"""\
-Data: none measured. VSMA's area factors (`data/vsma_tables.csv`; the efficiency
+Data: none measured. VSMA's area factors (`engine/vibroscreen/vsma_tables.csv`; the efficiency
 factor J as commonly printed) and Karra's model (CIM Bulletin, April 1979, as restated in textbooks;
 constants not checked against the original print) beside the engine, for the default screen:
 2.4 x 6 m, 16 mm, 55 % open.

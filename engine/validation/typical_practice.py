@@ -28,16 +28,7 @@ from rich.progress import track
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
-from engineering_rules import Rules
 from evidence import PICTURES, Section, table
-from sizing_rules import (
-    INCH,
-    karra_cut_size,
-    karra_partition,
-    usual_open_area,
-    vsma_area,
-    vsma_recovery,
-)
 from vibroscreen import ScreenConfig, solve_steady_many
 from vibroscreen.config import QUARRY_EDGES
 from vibroscreen.kernels.physics.closure import (
@@ -49,6 +40,15 @@ from vibroscreen.kernels.physics.motion import GRAVITY
 from vibroscreen.motion import Motion, conveying_regime, transport_velocity
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
+from vibroscreen.sizing_rules import (
+    INCH,
+    Rules,
+    karra_cut_size,
+    karra_partition,
+    usual_open_area,
+    vsma_area,
+    vsma_recovery,
+)
 from vibroscreen.sweep import SteadyTable
 from vibroscreen.units import DEG, MM, T_H
 

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibroscreen import fields
+from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
@@ -204,13 +205,17 @@ class ScreenConfig:
         faults.tell()
 
     @classmethod
-    def load(cls, path: str | Path) -> ScreenConfig:
-        """Configuration from a TOML file. Raises ConfigError, OSError if it cannot be read."""
+    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> ScreenConfig:
+        """Configuration from a TOML file, with other values by key: {"feed.rate_t_h": 350}.
+
+        Raises ConfigError, OSError if it cannot be read.
+        """
         path = Path(path)
         try:
-            return cls.from_dict(_toml_tree(path.read_text(encoding="utf-8")), path.parent)
+            tree = _toml_tree(_text_of(path))
+            return cls.from_dict(edited(cls, tree, changes) if changes else tree, path.parent)
         except ConfigError as error:
-            error.add_note(f"in {path}")
+            error.add_note(f"in {path}{' with what was set' if changes else ''}")
             raise
 
     @classmethod
@@ -406,6 +411,13 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
 def legal_keys() -> tuple[str, ...]:
     """Every key of a configuration file, in full, such as `deck.panel.aperture_mm`."""
     return tuple(path for path, _ in fields.leaves(ScreenConfig))
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path.name} is not text in UTF-8: save it in this encoding") from None
 
 
 def _toml_tree(text: str) -> dict[str, Any]:

@@ -10,13 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import engineering_rules as example
-from sizing_rules import (
-    karra_cut_size,
-    karra_partition,
-    vsma_area,
-    vsma_recovery,
-)
 from vibroscreen import ScreenConfig
+from vibroscreen.sizing_rules import karra_cut_size, karra_partition, vsma_area, vsma_recovery
 
 INCH, FOOT, SHORT_TON, POUND = 0.0254, 0.3048, 907.18474, 0.45359237
 APERTURE = 0.625 * INCH

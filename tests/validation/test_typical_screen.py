@@ -18,7 +18,7 @@ def screen() -> Screen:
 
 
 def test_recovery_of_the_duty(screen: Screen) -> None:
-    """VSMA says .95, Karra .937 (engine/validation/sizing_rules.py)."""
+    """VSMA says .95, Karra .937 (vibroscreen/sizing_rules.py)."""
     assert 0.93 <= screen.solve_steady().decks[0].efficiency <= 0.95
 
 

@@ -50,6 +50,8 @@ class _Commands(TyperGroup):
             warnings.showwarning = _tell_warning
             try:
                 return super().invoke(ctx)
+            except BrokenPipeError:  # who read has seen enough
+                raise
             except MENDABLE as error:
                 from vibroscreen.cli.terminal import tell_error
 

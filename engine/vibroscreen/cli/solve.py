@@ -2,57 +2,195 @@
 
 from __future__ import annotations
 
-from vibroscreen.cli.options import Plot, ScreenFile
-from vibroscreen.cli.terminal import say, table, tell
+import csv
+import json
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, end, load, one_format
+from vibroscreen.cli.solved import document, rows, streams_of
+from vibroscreen.cli.terminal import picture, say, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
+from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
-from vibroscreen.units import KN, KW, MM, T_H
+from vibroscreen.units import DEG, KN, KW, MM, PERCENT, RPM, T_H
 
-EXAMPLES = "vibroscreen solve screen.toml"
+EXAMPLES = """vibroscreen solve screen.toml
+vibroscreen solve screen.toml --set feed.rate_t_h=350 --set motion.frequency_hz=16
+vibroscreen solve screen.toml --set 'deck[1].panel[1].aperture_mm=18' --plot screen.png
+vibroscreen solve screen.toml --json > screen.json"""
 
 
-def command(screen: ScreenFile, plot: Plot = None) -> None:
+def command(
+    screen: ScreenFile,
+    changes: Set = None,
+    as_json: Json = False,
+    as_csv: Csv = False,
+    plot: Plot = None,
+    strict: Strict = False,
+) -> None:
     """Print the steady state of a screen under its duty."""
-    steady = Screen(ScreenConfig.load(screen)).solve_steady()
+    one_format(json=as_json, csv=as_csv)
+    config = load(screen, changes)
+    steady = Screen(config).solve_steady()
+    if as_json:
+        print(json.dumps(document(steady), indent=1, ensure_ascii=False, allow_nan=False))
+    elif as_csv:
+        csv.writer(sys.stdout, lineterminator="\n").writerows(rows(steady))
+    else:
+        _print(config, steady)
+    if plot is not None:
+        picture(steady.plot(), plot)
+    end(steady.alarms, strict=strict)
+
+
+def _print(config: ScreenConfig, steady: SteadyResult) -> None:
+    say(f"{config.name}: {_described(config)}", "bold")
+    say()
     _print_products(steady)
-    for deck in steady.decks:
-        say(
-            f"deck {deck.deck}, {deck.aperture / MM:g} mm: efficiency {deck.efficiency:.4f}, "
-            f"misplaced undersize {deck.misplaced_undersize:.4f}, cut size "
-            f"{deck.cut_size / MM:.4g} mm, ecart probable {deck.ecart_probable / MM:.3g} mm, "
-            f"bed {deck.depth_feed / MM:.3g} to {deck.depth_discharge / MM:.3g} mm"
-        )
+    _print_decks(steady)
+    _print_rules(config, steady)
     say(
-        f"box: hold-up {steady.hold_up:.4g} kg, drive {steady.drive_power / KW:.3g} kW, "
-        f"exciter {steady.exciter_force / KN:.4g} kN, K {steady.acceleration_number:.3g}, "
-        f"P80 of the undersize {steady.undersize_p80 / MM:.4g} mm"
+        f"Box: drive {figure(steady.drive_power / KW)} kW, exciter "
+        f"{figure(steady.exciter_force / KN)} kN, K {figure(steady.acceleration_number, 3)}, "
+        f"{figure(steady.hold_up)} kg on the decks"
     )
     for name, reason in steady.alarm_reasons.items():
         say(f"{name}: {reason}", "yellow")
-    if plot is not None:
-        steady.plot().savefig(plot)
-        tell(f"written: {plot}")
+    if not steady.alarms:
+        say("No alarms")
+
+
+def _described(config: ScreenConfig) -> str:
+    """Size, apertures, vibration and feed in a line."""
+    top, motion = config.decks[0], config.motion
+    apertures = " / ".join(
+        "+".join(dict.fromkeys(f"{panel.aperture / MM:g}" for panel in deck.panels))
+        for deck in config.decks
+    )
+    return (
+        f"{figure(top.length)} x {figure(top.width)} m, {apertures} mm, "
+        f"{figure(top.panels[0].inclination / DEG)} deg, stroke "
+        f"{figure(2.0 * motion.amplitude / MM)} mm at {figure(motion.frequency / RPM)} 1/min, "
+        f"{figure(config.feed.mass_flow_rate / T_H)} t/h"
+    )
+
+
+def figure(value: float, digits: int = 4) -> str:
+    """A number with so many digits, a dash for none; never a power of ten."""
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
+
+
+def _labels(decks: int) -> list[str]:
+    """What feed and products are called in a head of two lines, in the order of `streams_of`."""
+    if decks == 1:
+        return ["\nfeed", "\noversize", "\nundersize"]
+    over = [f"over\ndeck {k}" for k in range(1, decks + 1)]
+    return ["\nfeed", *over, f"through\ndeck {decks}"]
 
 
 def _print_products(steady: SteadyResult) -> None:
-    """A row a class: limits, rates of all streams, recovery."""
-    classes = steady.config.size_classes
-    streams = {
-        "feed": steady.feed.class_rates,
-        "undersize": steady.undersize.class_rates,
-        **{
-            f"intermediate {k}": stream.class_rates
-            for k, stream in enumerate(steady.intermediate, start=1)
-        },
-        "oversize": steady.oversize.class_rates,
-    }
-    rows = [
+    """Rates and sizes of the products, passing at every limit, rates by class; with totals."""
+    streams, classes = streams_of(steady), steady.config.size_classes
+    decks, fed = len(steady.decks), steady.feed.mass_flow_rate
+    heads = _labels(decks)
+    places = max(0, 3 - math.floor(math.log10(fed / T_H)))
+    products = [stream for name, stream in streams.items() if name != "feed"]
+
+    def rate(value: float) -> str:
+        return f"{value / T_H:.{places}f}"
+
+    total = sum(stream.rate for stream in products)
+    lines: list[tuple[str, ...]] = [
         (
-            f"{low / MM:g} to {high / MM:g}",
-            *(f"{rates[k] / T_H:.1f}" for rates in streams.values()),
-            f"{steady.recovery[k]:.4f}",
+            head.replace("\n", " ").strip(),
+            rate(stream.rate),
+            f"{stream.rate / fed / PERCENT:.1f}",
+            figure(stream.p80 / MM, 3),
+            figure(stream.p50 / MM, 3),
         )
-        for k, (low, high) in enumerate(zip(classes.lower, classes.upper, strict=True))
+        for head, stream in zip(heads, streams.values(), strict=True)
     ]
-    table("Steady state, t/h", ("class, mm", *streams, "recovery"), rows)
+    lines.append(("all products", rate(total), f"{total / fed / PERCENT:.1f}", "", ""))
+    table("Products", ("", "t/h", "% of feed", "P80 mm", "P50 mm"), lines)
+    say()
+    edges = [f"{edge / MM:g}" for edge in classes.edges]
+    passing = [[f"{100.0 * value:.1f}" for value in stream.passing] for stream in streams.values()]
+    lines = list(zip(edges, *passing, strict=True))
+    table("Passing, %", ("\nsize mm", *heads), reversed(lines))
+    say()
+    names = [f"{low} to {high}" for low, high in pairwise(edges)]
+    rates = [[rate(part) for part in s.rate * s.fraction] for s in streams.values()]
+    recovered = [f"{part / PERCENT:.1f}" for part in steady.recovery]
+    lines = list(zip(names, *rates, recovered, strict=True))[::-1]
+    under = products[-1].rate / fed / PERCENT
+    lines.append(("total", *(rate(s.rate) for s in streams.values()), f"{under:.1f}"))
+    table("By class, t/h", ("\nclass mm", *heads, "recovery\n%"), lines)
+    say()
+
+
+DECKS = (
+    ("feed_rate", "comes to it, t/h", T_H),
+    ("oversize_rate", "leaves over it, t/h", T_H),
+    ("undersize_rate", "passes, t/h", T_H),
+    ("efficiency", "efficiency: undersize that passes, %", PERCENT),
+    ("misplaced_undersize", "undersize in what leaves over it, %", PERCENT),
+    ("misplaced_oversize", "oversize in what passes, %", PERCENT),
+    ("cut_size", "cut size d50, mm", MM),
+    ("ecart_probable", "ecart probable, mm", MM),
+    ("depth_feed", "bed at the feed end, mm", MM),
+    ("depth_discharge", "bed at the discharge, mm", MM),
+    ("depth_over_aperture_discharge", "the same in apertures", 1.0),
+    ("transport_velocity", "velocity of the bed, m/s", 1.0),
+    ("throw_number", "throw number", 1.0),
+    ("hold_up", "lies on it, kg", 1.0),
+)
+
+
+def _by_deck(title: str, decks: int, lines: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """A table with a column a deck."""
+    heads = [f"deck {k}" for k in range(1, decks + 1)]
+    table(title, ("", *heads), [(label, *values) for label, values in lines])
+    say()
+
+
+def _print_decks(steady: SteadyResult) -> None:
+    apertures = [f"{deck.aperture / MM:g}" for deck in steady.decks]
+    lines = [
+        (label, [figure(getattr(deck, name) / unit) for deck in steady.decks])
+        for name, label, unit in DECKS
+    ]
+    _by_deck("Decks", len(apertures), [("aperture, mm", apertures), *lines])
+
+
+def _print_rules(config: ScreenConfig, steady: SteadyResult) -> None:
+    """What VSMA and Karra say, beside the model."""
+    rules = rules_of(config)
+    lines = [
+        ("area, m2", [figure(rule.area) for rule in rules]),
+        ("VSMA: area for 95 %, m2", [figure(rule.area_at_95) for rule in rules]),
+        ("VSMA: efficiency, %", [vsma_efficiency(rule.vsma_recovery) for rule in rules]),
+        ("Karra: efficiency, %", [figure(rule.karra_recovery / PERCENT, 3) for rule in rules]),
+        ("this model: efficiency, %", [figure(d.efficiency / PERCENT, 3) for d in steady.decks]),
+        ("Karra: cut size d50, mm", [figure(rule.cut_size / MM) for rule in rules]),
+        ("this model: cut size d50, mm", [figure(deck.cut_size / MM) for deck in steady.decks]),
+    ]
+    _by_deck("Sizing rules", len(rules), lines)
+    beyond = [f"deck {rule.deck}: {text}" for rule in rules for text in rule.beyond]
+    for text in beyond:
+        say(text, "dim")
+    if beyond:
+        say()
+
+
+def vsma_efficiency(recovery: float) -> str:
+    """In per cent; VSMA's table ends at 95 and at 70."""
+    if math.isnan(recovery):
+        return "< 70"
+    return ">= 95" if recovery >= 0.95 else figure(recovery / PERCENT, 3)

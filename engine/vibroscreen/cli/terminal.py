@@ -9,14 +9,20 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Advance", "progress", "say", "table", "tell", "tell_error"]
+from vibroscreen.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Advance", "picture", "progress", "say", "table", "tell", "tell_error", "written"]
 
 WIDTH = 80
 
@@ -27,14 +33,20 @@ def _console(*, errors: bool = False) -> Console:
     return Console(stderr=errors, width=width, markup=False, highlight=False, emoji=False)
 
 
+def _text(text: str, style: str = "") -> Text:
+    """Text that is shown as it is: no markup, and nothing that a terminal takes for an order."""
+    shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return Text(shown, style=style)
+
+
 def say(text: str = "", style: str = "") -> None:
     """Print a line of the result, wrapped between words."""
-    _console().print(Text(text, style=style))
+    _console().print(_text(text, style))
 
 
 def tell(text: str, style: str = "") -> None:
     """Print what is not the result: where a file went, what went wrong. Never wrapped."""
-    _console(errors=True).print(Text(text, style=style), soft_wrap=True)
+    _console(errors=True).print(_text(text, style), soft_wrap=True)
 
 
 def tell_error(error: BaseException) -> None:
@@ -48,13 +60,30 @@ def _text_of(error: BaseException) -> str:
     return str(error)
 
 
+def written(*files: Path) -> None:
+    """Print which files were written."""
+    tell(f"written: {', '.join(map(str, files))}")
+
+
+def picture(figure: Figure, path: Path) -> None:
+    """Write a picture in the format that its name ends in. Raises InputError for none."""
+    try:
+        figure.savefig(path)
+    except ValueError:
+        raise InputError(
+            f"--plot {path}: {path.suffix or path.name!r} is no format of a picture: let the name "
+            "end in .png, .svg or .pdf"
+        ) from None
+    written(path)
+
+
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table: the first column to the left, numbers to the right."""
     found = Table(box=None, pad_edge=False)
     for place, column in enumerate(columns):
-        found.add_column(Text(column), justify="right" if place else "left", overflow="fold")
+        found.add_column(_text(column), justify="right" if place else "left", overflow="fold")
     for row in rows:
-        found.add_row(*map(Text, row))
+        found.add_row(*map(_text, row))
     say(title, "bold")
     _console().print(found)
 
