@@ -29,10 +29,10 @@ from vibroscreen.kernels.entry import (
 )
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
-from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED, RIGID_BODY
+from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
-from vibroscreen.motion import Harmonic, Motion, transport_velocity
+from vibroscreen.motion import Motion
 from vibroscreen.results import Rows, StepResult, box_of, by_class, reasons
 from vibroscreen.sections import RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
@@ -489,13 +489,6 @@ class Inputs:
             self._motion[:] = motion.fundamental
             self._harmonic[:] = motion.harmonic_rows
 
-    def motion(self) -> Motion:
-        """The motion that is there."""
-        rows = self._harmonic.reshape(-1, 5).tolist()
-        parts = tuple(Harmonic(int(order), *row) for order, *row in rows if order)
-        frequency, amplitude, throw_angle, ellipticity = self._motion.tolist()
-        return Motion(frequency, amplitude, throw_angle, ellipticity, parts)
-
 
 def variable_at(layout: Layout, buffer: Array, index: int) -> Variable:
     """The parameter or input at a place of the buffer."""
@@ -523,67 +516,24 @@ def refusal_of(
 ) -> InputError:
     """The error of a refusal: its code, the place of the buffer, its value and limit."""
     key = state.REFUSED[int(code) - 1]
-    if key == "no_feed":
-        return InputError(told(key), "feed.mass_flow_rate")
-    if key == "no_conveying":
-        return no_conveying(layout, buffer)
     if key == "bad_sum":
         return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
-    variable = variable_at(layout, buffer, int(index))
+    variable, number = variable_at(layout, buffer, int(index)), float(buffer[int(index)])
     most = layout.view(buffer, "limit")[int(index) - layout.section["parameters"].start, 1]
+    amplitude = layout.record(buffer, "input").motion_amplitude
+    slope = value if key == "too_steep" else layout.record(buffer, "panel")[0, 0].inclination
     text = told(
         key,
         name=variable.name,
-        given=given(variable.name, value, variable.unit),
+        given=given(variable.name, number, variable.unit),
+        other=given("motion.amplitude", amplitude, "m"),
         unit=variable.unit,
         range=variable.range(most),
         cure=variable.cure(key, value, most),
         value=value,
         limit=limit,
-        degrees=value / DEG,
-        slope=math.tan(value) if key == "too_steep" else 0.0,
-        number=float(buffer[int(index)]),
+        degrees=slope / DEG,
+        slope=math.tan(slope),
+        number=number,
     )
     return InputError(text, variable.name)
-
-
-def no_conveying(layout: Layout, buffer: Array) -> InputError:
-    """What to say of a deck that does not convey."""
-    inputs = layout.record(buffer, "input")
-    frequency, amplitude = inputs.motion_frequency, inputs.motion_amplitude
-    velocity = inputs.displacement_velocity
-    model = layout.record(buffer, "parameter").displacement_model
-    if model == PRESCRIBED and velocity == 0.0:
-        return InputError(told("no_bed_velocity"), "displacement.velocity")
-    moves = frequency > 0.0 and (amplitude != 0.0 or layout.view(buffer, "harmonic").any())
-    if moves:
-        panels = layout.record(buffer, "panel")
-        for d, count in enumerate(layout.view(buffer, "panel_count").astype(int).tolist()):
-            factors = panels[d, :count].velocity_factor
-            if factors.min() == 0.0:
-                name = f"deck[{d + 1}].panel[{int(factors.argmin()) + 1}].velocity_factor"
-                return InputError(told("still_panel", name=name), name)
-    why, cure = "", ""
-    if moves and model == RIGID_BODY:
-        why, cure = _grains_ride(layout, buffer)
-    text = told(
-        "no_conveying",
-        given=given("motion.frequency", frequency, "Hz"),
-        other=given("motion.amplitude", amplitude, "m"),
-        why=why,
-        cure=cure,
-    )
-    return InputError(text, "motion.frequency")
-
-
-def _grains_ride(layout: Layout, buffer: Array) -> tuple[str, str]:
-    """Why a rigid body does not ride down the first panel, and the model that does, if it does."""
-    slope = layout.record(buffer, "panel")[0, 0].inclination
-    parameter = layout.record(buffer, "parameter")
-    friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
-    motion = Inputs(layout, buffer).motion()
-    rigid, bed = (transport_velocity(motion, slope, friction, m) for m in ("rigid_body", "bed"))
-    if rigid > 0.0:
-        return "", ""
-    where = told("body_stays", degrees=slope / DEG, value=rigid)
-    return where, told("grains_ride", value=bed) if bed > 0.0 else ""

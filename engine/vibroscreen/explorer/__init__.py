@@ -1,8 +1,8 @@
 """A screen as one page that a browser opens by itself: the engine as WebAssembly, and the state.
 
-`write_page` puts together what `page.html` (what there is to see) and `page.js` (what it does) need:
-the engine, the buffers of a screen without its rooms for work, what is said of every number, and
-empty pictures of Bokeh, whose script comes with its package. Nothing is fetched when it is opened.
+`write_page` puts together `page.html` (what there is to see), `page.js` (what it does) and what they
+need: the engine, a screen as it lies in its memory, what is said of every number, and empty pictures
+of Bokeh, whose script comes with its package. Nothing is fetched when the page is opened.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import base64
 import gzip
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,7 @@ from vibroscreen.errors import TEXT, ConfigError
 from vibroscreen.fields import FAR, Number, entries, from_si, write_table
 from vibroscreen.figures import Figure
 from vibroscreen.kernels import entry, library, state
-from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS
-from vibroscreen.kernels.physics.motion import CONSTANT, WORK_SIZE
 from vibroscreen.screen import check_supported, fill, roomy_layout, settings_of
-from vibroscreen.sections import Deck
 from vibroscreen.steady import PROFILE_POINTS
 from vibroscreen.units import KN, KW, MM, PERCENT, T_H
 from vibroscreen.variables import Variable
@@ -49,16 +46,12 @@ HEIGHT = 260  # of a picture, px
 MAP_ROWS = 40  # of the map of the bed, over its height
 # Fields that the page reads or writes, in both buffers.
 FIELDS = (
-    *("output", "undersize_fraction", "oversize_fraction", "intermediate", "deck_result", "alarm"),
-    *("intermediate_fraction", "harmonic", "size", "step_mass", "feed_fraction", "scene", "memory"),
-    *("lead", "lead_passed", "column", "design", "design_harmonic", "design_result", "refusal"),
-    *("passage_factor", "displacement_work", "displacement_result", "motion_harmonic"),
-    *("drive_setting",),
+    *("parameter", "width", "panel", "input", "fraction", "output", "undersize_fraction"),
+    *("oversize_fraction", "intermediate", "intermediate_fraction", "deck_result", "alarm"),
+    *("size", "step_mass", "feed_fraction", "scene", "lead", "lead_passed", "column", "refusal"),
 )
-COMMANDS = ("INITIALISE", "ADVANCE", "START_SLICE", "START_BELOW", "FOLLOW", "SOLVE_MANY")
-# Texts of a screen that does not convey, beside the reasons of refusals.
-ADVICE = ("no_bed_velocity", "still_panel", "body_stays", "grains_ride")
-COMMANDS += ("PLACE_NODES", "READ", "CHECK", "READ_BED")
+COMMANDS = ("INITIALISE", "ADVANCE", "START_SLICE", "START_BELOW", "FOLLOW", "SOLVE", "READ")
+COMMANDS += ("READ_BED",)
 
 
 def write_page(config: ScreenConfig, path: str | Path) -> Path:
@@ -99,7 +92,6 @@ def page_of(config: ScreenConfig) -> str:
         edges=[from_si(edge, MM) for edge in config.size_classes.edges],
         decks=len(config.decks),
         keys=_keys(config),
-        rows=[*screen["rows"], *screen["box"]],
         screen=_json(screen),
         pictures=_json(pictures),
         bokeh=Resources(mode="inline", components=["bokeh"]).js_raw,
@@ -139,31 +131,25 @@ def _screen(config: ScreenConfig) -> dict[str, Any]:
             for place, number in enumerate(numbers)
             if number and _is_control(config, tree, number)
         ],
-        "panels": [len(deck.panels) for deck in config.decks],
         "lengths": [[panel.length for panel in deck.panels] for deck in config.decks],
         "edges": list(config.size_classes.edges),
         "fractions": list(config.feed.mass_fraction),
-        "table": config.passage.velocity_table,
+        "table": list(zip(*(config.passage.velocity_table or ()), strict=True)),
         "steady": _buffer(config, packages=False),
         "running": _buffer(config, packages=True),
         "commands": {name: getattr(entry, name) for name in COMMANDS},
-        "records": {name: list(_names(kind)) for name, kind in state.KINDS.items()},
+        "records": {name: list(state.KINDS[name]) for name in FIELDS if name in state.KINDS},
         "refused": list(state.REFUSED),
         "reasons": list(state.REASONS),
         "alarms": [alarm.name for alarm in figures.ALARMS],
-        "figure": list(state.FIGURE),
-        "texts": {key: TEXT[key] for key in (*state.REFUSED, *state.REASONS, *ADVICE)},
+        "texts": {key: TEXT[key] for key in (*state.REFUSED, *state.REASONS)},
         "far": FAR,
-        "bed": {"work": WORK_SIZE, "place": CONSTANT, "constants": list(BED_CONSTANTS)},
         "points": PROFILE_POINTS,
-        "map_rows": MAP_ROWS,
+        "unit": {"rate": T_H},
+        "lines": {name: [of for of, _ in lines] for name, lines in _keys(config).items()},
         "rows": [_row(figure) for figure in figures.DECK],
         "box": [_row(figure) for figure in figures.BOX if figure.scalar in OF_BOX],
     }
-
-
-def _names(kind: Any) -> list[str]:
-    return list(kind)
 
 
 def _buffer(config: ScreenConfig, *, packages: bool) -> dict[str, Any]:
@@ -179,15 +165,19 @@ def _buffer(config: ScreenConfig, *, packages: bool) -> dict[str, Any]:
             )
     buffer = layout.buffer()
     fill(layout, buffer, config)
-    section = layout.section
+    section, seen = layout.section, layout.span["last_seen"]
+    spans = {
+        "settings": slice(section["parameters"].start, section["inputs"].stop),
+        "outputs": section["outputs"],
+        "state": section["state"],
+        "seen": seen,
+    }
     return {
         "size": layout.size,
-        "settings": [section["parameters"].start, section["inputs"].stop],
-        "outputs": [section["outputs"].start, section["outputs"].stop],
-        "state": [section["state"].start, section["state"].stop],
         "at": {name: layout.offset[name] for name in FIELDS},
-        "dimension": {name: [k, layout.dimension[name]] for k, name in enumerate(state.DIMENSION)},
+        "dimension": list(state.DIMENSION),
         "head": _packed(buffer[: section["constants"].stop].tobytes()),
+        **{name: [span.start, span.stop] for name, span in spans.items()},
     }
 
 
@@ -360,8 +350,8 @@ def _pictures(config: ScreenConfig) -> dict[str, Any]:
         "partition": _picture("size, mm", "to the oversize, %", **sizes, **share),
         "gradation": _picture("size, mm", "passing, %", **sizes, **share),
         "recovery": _picture("place along the deck, m", "undersize passed, %", **along, **share),
-        "bed": _picture("place along the deck, m", "depth, mm", **along, y_range=(0.0, 100.0)),
-        "time": _picture("time, s", "t/h", x_range=(0.0, 60.0), y_range=(0.0, 100.0)),
+        "bed": _picture("place along the deck, m", "depth, mm", **along, name="bed"),
+        "time": _picture("time, s", "t/h", x_range=(0.0, 10.0), name="time"),
     }
     for name, series in _keys(config).items():
         for title, colour in series:
@@ -372,9 +362,10 @@ def _pictures(config: ScreenConfig) -> dict[str, Any]:
 
 
 def _picture(x: str, y: str, **about: Any) -> Any:
-    """An empty picture with its axes named."""
+    """An empty picture with its axes named; unless told, the script says how high it is."""
     from bokeh.plotting import figure
 
+    about = {"y_range": (0.0, 1.0), **about}
     made = figure(
         height=HEIGHT,
         sizing_mode="stretch_width",
@@ -403,9 +394,10 @@ def _map(length: float) -> Any:
     from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
     from bokeh.palettes import Cividis256
 
-    picture = _picture("place along the deck, m", "height, mm", x_range=(0.0, length), y_range=(0.0, 100.0))
+    along = {"x_range": (0.0, length), "name": "map"}
+    picture = _picture("place along the deck, m", "height, mm", **along)
     shares = np.zeros((MAP_ROWS, PROFILE_POINTS), dtype=np.float32)
-    source = ColumnDataSource({"image": [shares], "dh": [100.0]}, name="map")
+    source = ColumnDataSource({"image": [shares], "dh": [1.0]}, name="map: bed")
     colours = LinearColorMapper(Cividis256, low=0.0, high=100.0, nan_color="rgba(0,0,0,0)")
     picture.image("image", x=0.0, y=0.0, dw=length, dh="dh", source=source, color_mapper=colours)
     picture.add_layout(ColorBar(color_mapper=colours, width=12, title="%"), "right")

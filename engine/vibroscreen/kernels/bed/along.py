@@ -13,7 +13,7 @@ def read_bed(buffer, deck, place):
     column = state.column(buffer, state.AT.column, 0)
     vectors.clear_rows(column, 0, column.shape[0])
     book, time = state.book(buffer, deck), travel.riding_time(buffer, deck, place)
-    if book.cohort_on > 0.0 and time < book.cohort_front or book.covered > 0.0:
+    if (book.cohort_on > 0.0 and time < book.cohort_front) or book.covered > 0.0:
         read_cohort(buffer, deck, time, column)
         return
     rear = queue_rear(buffer, deck)
