@@ -53,8 +53,8 @@ TEXT = {
     'throw angle down-slope, or use displacement.model = "prescribed"',
     "no_bed_velocity": "{given} does not convey, so there is no steady state: give the velocity of "
     "the bed",
-    "still_panel": "{given} does not convey, and a deck conveys on all of its panels or on none, so "
-    "there is no steady state: give a factor above 0",
+    "still_panel": "{given} does not convey, and a deck conveys on all of its panels or on none, "
+    "so there is no steady state: give a factor above 0",
     "two_velocities": "{given} is given beside passage.velocity_table: give one of them",
     "off_table": "{given} lies outside of passage.velocity_table, which ends at {limit:.6g} "
     "{unit}: add rows to the table or give passage.velocity",

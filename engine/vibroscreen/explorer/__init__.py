@@ -1,8 +1,8 @@
 """A screen as one page that a browser opens by itself: the engine as WebAssembly, and the state.
 
-`write_page` puts together `page.html` (what there is to see), `page.js` (what it does) and what they
-need: the engine, a screen as it lies in its memory, what is said of every number, and empty pictures
-of Bokeh, whose script comes with its package. Nothing is fetched when the page is opened.
+`write_page` puts together `page.html` (what there is to see), `page.js` (what it does) and what
+they need: the engine, a screen as it lies in its memory, what is said of every number, and empty
+pictures of Bokeh, whose script comes with its package. Nothing is fetched when a page is opened.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ STILL = ("length", "velocity_factor")
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
 FED, KEPT = "#222222", "#8a8a8a"
 HEIGHT = 260  # of a picture, px
+TICKS = [k * 10.0**power for power in range(-3, 4) for k in (1, 2, 5)]  # mm, of sizes
 MAP_ROWS = 40  # of the map of the bed, over its height
 # Fields that the page reads or writes, in both buffers.
 FIELDS = (
@@ -147,7 +148,7 @@ def _screen(config: ScreenConfig) -> dict[str, Any]:
         "points": PROFILE_POINTS,
         "unit": {"rate": T_H},
         "lines": {name: [of for of, _ in lines] for name, lines in _keys(config).items()},
-        "rows": [_row(figure) for figure in figures.DECK],
+        "rows": [_row(figure) for figure in sorted(figures.DECK, key=_is_of_bed)],
         "box": [_row(figure) for figure in figures.BOX if figure.scalar in OF_BOX],
     }
 
@@ -315,6 +316,11 @@ def _row(figure: Figure) -> dict[str, Any]:
     }
 
 
+def _is_of_bed(figure: Figure) -> bool:
+    """Whether a figure of a deck says how the bed lies and moves, not how it is separated."""
+    return not figure.name.startswith("performance")
+
+
 def _products(config: ScreenConfig) -> list[str]:
     """What leaves the box, from the finest on."""
     decks = len(config.decks)
@@ -340,6 +346,7 @@ def _keys(config: ScreenConfig) -> dict[str, list[tuple[str, str]]]:
 def _pictures(config: ScreenConfig) -> dict[str, Any]:
     """Empty pictures of Bokeh by name, as JSON; the script fills their sources."""
     from bokeh.embed import json_item
+    from bokeh.models import BasicTickFormatter, FixedTicker
 
     edges = [edge / MM for edge in config.size_classes.edges if edge > 0.0]
     sizes = {"x_range": (0.5 * edges[0], edges[-1]), "x_axis_type": "log"}
@@ -357,6 +364,9 @@ def _pictures(config: ScreenConfig) -> dict[str, Any]:
         for title, colour in series:
             _add_line(pictures[name], f"{name}: {title}, kept", line_color=colour, line_dash="4 4")
             _add_line(pictures[name], f"{name}: {title}", line_color=colour, line_width=2)
+    for name in ("partition", "gradation"):
+        pictures[name].xaxis.ticker = FixedTicker(ticks=TICKS)
+        pictures[name].xaxis.formatter = BasicTickFormatter()
     pictures["map"] = _map(length)
     return {name: json_item(picture) for name, picture in pictures.items()}
 

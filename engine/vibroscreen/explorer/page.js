@@ -350,22 +350,27 @@ function fill(table, rows) {
 function drawTables(seen) {
   const states = kept ? [seen, kept.seen] : [seen];
   const each = (make) => states.flatMap((one, k) => make(one).map((text) => ({ text, kept: k > 0 })));
+  const heads = (make) => states.flatMap((one, k) =>
+    make(one).map((text) => ({ text: k ? `${text} kept` : text, kept: k > 0 })));
   const fed = (one) => one.products[0].rate;
   fill(byId("products"), [
-    ["", ...each(() => ["t/h", "% of feed", "P80, mm", "P50, mm"])],
+    ["", ...heads(() => ["t/h", "% of feed", "P80, mm", "P50, mm"])],
     ...SCREEN.lines.gradation.map((name, k) => [name, ...each((one) => {
       const { rate, p80, p50 } = one.products[k];
       return [rate / UNIT.rate, (100 * rate) / fed(one), p80 * 1e3, p50 * 1e3].map(number);
     })]),
   ]);
+  byId("headline").textContent = seen.decks.map(({ figures }, d) =>
+    `deck ${d + 1}, ${number(figures.aperture * 1e3)} mm: efficiency ${number(100 * figures.efficiency)} %, `
+    + `cut size ${number(figures.cut_size * 1e3)} mm`).join("; ");
   const label = ({ label: text, unit, tells: title }) => ({ text: unit ? `${text}, ${unit}` : text, title });
   fill(byId("figures"), [
-    ["", ...each((one) => one.decks.map((_, d) => `deck ${d + 1}`))],
+    ["", ...heads((one) => one.decks.map((_, d) => `deck ${d + 1}`))],
     ...SCREEN.rows.map((row) => [label(row), ...each((one) =>
       one.decks.map((deck) => number(deck.figures[row.scalar] / row.factor)))]),
   ]);
   fill(byId("box"), [
-    ["", ...each(() => ["box"])],
+    ["", ...heads(() => ["box"])],
     ...SCREEN.box.map((row) => [label(row), ...each((one) => [number(one.output[row.scalar] / row.factor)])]),
   ]);
   const list = byId("alarms"), texts = seen.alarms;
@@ -380,6 +385,7 @@ const fieldOf = (k) => byId(`field${k}`);
 const sliderOf = (k) => byId(`slider${k}`);
 const wrong = new Map(); // fields that hold no number, with what is said of them
 let passing; // at every limit of the classes, as typed
+let initial; // the fields as the page came
 let edited = new Map(); // numbers that were changed, in the unit of their keys, by control
 
 function renew(anew = false) {
@@ -566,8 +572,7 @@ function listen() {
     byId("back").disabled = byId("forget").disabled = true;
     draw(shown);
   });
-  const first = fields();
-  byId("reset").addEventListener("click", () => putBack(first));
+  byId("reset").addEventListener("click", () => putBack(initial));
   byId("toml").addEventListener("click", () => {
     byId("text").value = toml();
     byId("save").href = URL.createObjectURL(new Blob([toml()], { type: "application/toml" }));
@@ -588,6 +593,7 @@ async function start() {
   passing = sums(SCREEN.fractions);
   passing[CLASSES] = 1;
   showPassing();
+  initial = fields();
   listen();
   renew();
 }
