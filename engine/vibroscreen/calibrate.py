@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ from vibroscreen.sweep import Sweep, places
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["Calibration", "Fit", "HeldOut", "Parameter", "Run", "calibrate", "fit"]
 
@@ -577,6 +579,23 @@ class Calibration:
         table["held_out"], table["sigma"] = self.fit.held_out_modelled, self.fit.sigma
         table["residual"] = table["modelled"] - table["measured"]
         return table
+
+    def plot(self) -> Figure:
+        """Measured recoveries against modelled ones, a picture of matplotlib.
+
+        Raises ImportError without it.
+        """
+        from vibroscreen.report.pictures import draw_calibration
+
+        return draw_calibration(self)
+
+    def _repr_html_(self) -> str:
+        """Tables for a notebook: fitted values, root mean square error by run, warnings."""
+        errors = self.frame().groupby("run", sort=False)["residual"]
+        by_run = errors.agg(lambda e: _rms(e.to_numpy())).rename("RMSE").to_frame()
+        told = "".join(f"<li>{escape(warning)}</li>" for warning in self.fit.warnings)
+        parts = [t.to_html(float_format="{:.4g}".format) for t in (self.fit.frame(), by_run)]
+        return "\n".join([*parts, f"<ul>{told}</ul>" if told else "<p>no warnings</p>"])
 
 
 def calibrate(

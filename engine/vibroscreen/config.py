@@ -431,7 +431,7 @@ def _toml_lines(table: Mapping[str, Any], name: str) -> Iterator[str]:
     """Lines of a TOML table: values first, then the tables inside it."""
     for key, value in table.items():
         if not _is_table(value):
-            yield f"{key} = {_toml_value(value)}"
+            yield f"{key} = {toml_value(value)}"
     for key, value in table.items():
         full = f"{name}.{key}" if name else key
         if isinstance(value, dict):
@@ -445,9 +445,10 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A value as TOML has it."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
+        return f"[{', '.join(toml_value(item) for item in value)}]"
     return repr(value)

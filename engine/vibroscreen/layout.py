@@ -67,11 +67,7 @@ class Layout:
             + state.ALARM_COUNT * len(state.ALARM)
             + (state.OVER + known["decks"]) * known["classes"]
         )
-        known["deck_streams"] = 2 * known["decks"]
         known["streams"] = state.OVER + known["decks"]
-        known["ledger_rows"] = 2 * known["streams"]
-        known["knot_rows"] = known["decks"] * known["knots"]
-        known["fall_rows"] = known["decks"] * known["falls"]
         known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
         known["block"] = (known["layers"] + 2) * known["sizes"]
         offset: dict[str, int] = {}

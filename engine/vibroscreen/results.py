@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,8 +21,9 @@ from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.stream import Stream
 from vibroscreen.units import DEG
 
-if TYPE_CHECKING:  # the host of an FMU need not have it
+if TYPE_CHECKING:  # the host of an FMU need not have them
     import pandas as pd
+    from matplotlib.figure import Figure as Picture
 
 __all__ = ["DeckResult", "StepResult"]
 
@@ -47,14 +49,14 @@ class Rows(NamedTuple):
     def decks(self) -> tuple[DeckResult[float], ...]:
         """Results of the decks, top deck first."""
         count = len(self.largest)
-        come = [self.fed, *self.rates[: count - 1]]
+        come = [self.fed, *self.rates[0, : count - 1]]
         parts = (
             Separation(
                 self.nodes,
                 self.classes,
                 come[d],
-                self.rates[d],
-                self.rates[count + d],
+                self.rates[0, d],
+                self.rates[1, d],
                 self.last_fraction,
                 self.largest[d],
             )
@@ -140,10 +142,21 @@ def deck_values(deck: DeckFigures[float]) -> dict[str, Any]:
 
 
 class Told:
-    """Figures, alarms and tables that a step and a steady state have in common."""
+    """Figures, alarms, tables and pictures that a step and a steady state have in common."""
 
     _rows: Rows
     alarm_reasons: Mapping[str, str]
+    size_classes: Any
+    undersize: Any
+    oversize: Any
+    intermediate: Any
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """Feed and products by name: `intermediate[k]` left over deck k + 1 [kg/s]."""
+        between = {f"intermediate[{k}]": s for k, s in enumerate(self.intermediate, start=1)}
+        ends = {"feed": self.decks[0].feed, "undersize": self.undersize}
+        return {**ends, **between, "oversize": self.oversize}
 
     @cached_property
     def decks(self) -> tuple[DeckResult[float], ...]:
@@ -184,10 +197,21 @@ class Told:
         """Table by class."""
         raise NotImplementedError
 
+    def plot(self) -> Picture:
+        """Gradations and partition; of a steady state also recovery and bed along the decks.
+
+        A picture of matplotlib; raises ImportError without it. `vibroscreen.report` has them one
+        by one, and maps of the bed.
+        """
+        from vibroscreen.report.pictures import draw_result
+
+        return draw_result(self)
+
     def _repr_html_(self) -> str:
         """Tables for a notebook: products, decks, box, alarms."""
         alarms = "".join(
-            f"<li><b>{name}</b>: {reason}</li>" for name, reason in self.alarm_reasons.items()
+            f"<li><b>{name}</b>: {escape(reason)}</li>"
+            for name, reason in self.alarm_reasons.items()
         )
         tables = (self.frame(), self.deck_frame(), self.box_frame())
         parts = [table.to_html(float_format="{:.5g}".format) for table in tables]

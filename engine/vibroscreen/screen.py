@@ -232,12 +232,12 @@ class Screen:
         for k in range(1, len(self.config.decks)):
             names[f"intermediate_{k}"] = state.OVER + k
         for name, row in names.items():
-            whole[name] = ledger[2 * row] + ledger[2 * row + 1]
+            whole[name] = ledger[row].sum(axis=0)
         whole["held"] = self.view("held").copy()
-        gone, rest = ledger[2 * state.FED].copy(), ledger[2 * state.FED + 1].copy()
-        for row in range(state.UNDER, state.OVER + len(self.config.decks)):
-            gone -= ledger[2 * row]
-            rest -= ledger[2 * row + 1]
+        gone, rest = ledger[state.FED].copy()
+        for out, out_rest in ledger[state.UNDER :]:
+            gone -= out
+            rest -= out_rest
         whole["error"] = (gone - whole["held"] + whole["initial"]) + rest
         return pd.DataFrame(whole, index=pd.RangeIndex(1, len(gone) + 1, name="size_class"))
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen import performance
 from vibroscreen.config import ScreenConfig
@@ -17,12 +17,11 @@ from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.layout import Layout
 from vibroscreen.results import Rows, Told, box_of, by_class, class_frame, reasons
-from vibroscreen.size_classes import Nodes
+from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.stream import Feed, Stream
 
-if TYPE_CHECKING:  # the host of an FMU need not have them
+if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Check = Callable[[int, Array, Layout], None]
@@ -55,18 +54,38 @@ class Profile:
     model without layers has one), just before the end of a panel where a point lies there;
     passed[point, class]: what passed up to there, as areal mass on the first panel. On a deck with
     one panel load summed over layers plus passed is what was fed at every point of the top deck.
+    recovery[point]: of what comes to the deck finer than its smallest aperture, the share that
+    passed up to there, nan without any; at the discharge it is the efficiency of the deck, within
+    the tolerance.
     """
 
     position: Array
     load: Array
     passed: Array
     bulk_density: float
+    recovery: Array
 
     @property
     def depth(self) -> Array:
         """Depth of the bed at every position, m."""
         total: Array = self.load.sum(axis=(1, 2)) / self.bulk_density
         return total
+
+    @property
+    def height(self) -> Array:
+        """Boundaries of the layers over the deck [point, layer + 1], m: 0, then their tops."""
+        tops = self.load.sum(axis=2).cumsum(axis=1) / self.bulk_density
+        return np.concatenate([np.zeros((tops.shape[0], 1)), tops], axis=1)
+
+    def content(self, classes: ArrayLike) -> Array:
+        """Mass fraction in every layer [point, layer] of a class, or of several together [1].
+
+        classes: places from 0 on, as in `load`. nan where there is no layer.
+        """
+        part = self.load[..., np.atleast_1d(classes)].sum(axis=2)
+        whole = self.load.sum(axis=2)
+        share: Array = np.divide(part, whole, out=np.full_like(whole, np.nan), where=whole > 0.0)
+        return share
 
     def frame(self) -> pd.DataFrame:
         """Long table: position_m, layer (from 1 on the screen), size_class, load_kg_m2."""
@@ -102,6 +121,11 @@ class SteadyResult(Told, BoxFigures[float]):
     def config(self) -> ScreenConfig:
         """The screen."""
         return self._slice.config
+
+    @property
+    def size_classes(self) -> SizeClasses:
+        """Limits of the size classes."""
+        return self.config.size_classes
 
     @property
     def recovery(self) -> Array:
@@ -187,15 +211,6 @@ class SteadyResult(Told, BoxFigures[float]):
         }
         return class_frame(self.config.size_classes, columns)
 
-    def plot(self) -> Figure:
-        """Partition of every deck, and the bed along it; a picture of matplotlib.
-
-        Raises ImportError without matplotlib.
-        """
-        from vibroscreen.report import draw_steady
-
-        return draw_steady(self)
-
 
 class Slice:
     """A buffer with room for one slice of the bed: steady states and their profiles.
@@ -277,7 +292,7 @@ def _profile(
     ends = np.cumsum([0.0, *(panel.length for panel in panels)])
     times = np.cumsum([0.0, *(p.length / float(v) for p, v in zip(panels, velocity, strict=True))])
     moments = np.interp(position, ends, times)
-    shape = layout.shape["column"]
+    shape = layout.shape["column_time"]
     load, passed = np.zeros((points, *shape)), np.zeros((points, nodes.count))
     for k in range(points):
         if k > 0:
@@ -286,11 +301,17 @@ def _profile(
         passed[k] = layout.view(buffer, "lead_passed")[deck]
     used = int(np.flatnonzero(load.any(axis=(0, 2)))[-1]) + 1 if load.any() else 1
     count = config.size_classes.count
+    fine = nodes.size < min(panel.aperture for panel in panels)
+    fine_passed = passed[:, fine].sum(axis=1)
+    # A slice that rides faster is longer in the same measure, and lies thinner.
+    fine_left = float(load[-1, :, fine].sum()) * velocity[-1] / velocity[0]
+    come = float(fine_passed[-1]) + fine_left
     return Profile(
         position,
         by_class(nodes, load[:, :used], count),
         by_class(nodes, passed, count),
         config.material.bulk_density,
+        fine_passed / come if come > 0.0 else np.full(points, np.nan),
     )
 
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -104,15 +105,17 @@ class SteadyTable(BoxFigures[Array]):
         return pd.DataFrame(columns, index=index)
 
     def _repr_html_(self) -> str:
-        """The table for a notebook."""
-        return self.frame().to_html(max_rows=20, float_format="{:.5g}".format)
+        """The table for a notebook, and why designs were refused."""
+        table = self.frame().to_html(max_rows=20, float_format="{:.5g}".format)
+        told = "".join(f"<li>design {k}: {escape(why)}</li>" for k, why in self.refused.items())
+        return f"{table}\n<ul>{told}</ul>" if told else table
 
     def plot(self, name: str | None = None) -> Figure:
         """Efficiency of every deck over the designs, or over what was varied under `name`.
 
         A picture of matplotlib; raises ImportError without it.
         """
-        from vibroscreen.report import draw_table
+        from vibroscreen.report.pictures import draw_table
 
         return draw_table(self, name)
 

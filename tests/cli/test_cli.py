@@ -75,6 +75,17 @@ def test_usage() -> None:
     assert "Missing argument" in wrong.stderr
 
 
+def test_a_command_without_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is missing, and what brings it."""
+    monkeypatch.delitem(sys.modules, "vibroscreen_fmu.build", raising=False)
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    done = CliRunner().invoke(app, ["build", "screen.toml"])
+    assert done.exit_code == 1
+    assert done.stderr == (
+        "vibroscreen build needs fmpy, which is not installed: pip install 'vibroscreen[fmu]'\n"
+    )
+
+
 def test_public_names() -> None:
     """All of the package are there, though none is loaded before it is asked for."""
     for name in vibroscreen.__all__:

@@ -33,6 +33,7 @@ import vibroscreen
 import vibroscreen_fmu
 from tests.places import ROOT, SCREENS
 from vibroscreen import registry
+from vibroscreen.cli import app
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.figures import DECK
@@ -1434,11 +1435,9 @@ def test_builds_live_side_by_side(fmu: Path, tmp_path: Path) -> None:
     assert lines[4:] == ["3"]
 
 
-# --- build_fmu.py --------------------------------------------------------------------------------
+# --- vibroscreen build ---------------------------------------------------------------------------
 def command(*arguments: str | Path) -> tuple[int, str, str]:
-    app = build_fmu.typer.Typer(pretty_exceptions_enable=False)
-    app.command()(build_fmu.main)
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(app, ["build", *map(str, arguments)])
     return result.exit_code, result.stdout, result.stderr
 
 
@@ -1459,6 +1458,14 @@ def test_the_command_says_what_it_built(tmp_path: Path) -> None:
     assert "feed.mass_fraction[4]" not in {
         v.name for v in read_model_description(str(path)).modelVariables
     }
+
+
+def test_the_command_builds_what_is_set(tmp_path: Path) -> None:
+    code, said, _ = command(
+        SCREENS / "quarry.toml", "-o", tmp_path, "--set", "deck[1].panel[1].aperture_mm=18"
+    )
+    assert code == 0
+    assert said.splitlines()[1].endswith("2.4 x 6 m at 18 mm, 12 size classes")
 
 
 def test_the_command_tells_of_a_folder_that_ends_a_host(tmp_path: Path) -> None:
@@ -1493,6 +1500,12 @@ def test_the_command_refuses_what_does_not_exist(tmp_path: Path) -> None:
     code, _, error = command("--runtime", "naive")
     assert code == 2
     assert "runtime = 'naive' does not exist: choose native, python or both" in error
+    code, _, error = command("--runtime", "python", "--platform", "win64")
+    assert code == 2
+    assert "Invalid value for --platform: it is for runtime = native" in error
+    code, _, error = command("--set", "feed.rate_t_h=200")
+    assert code == 2
+    assert "Invalid value for --set: it changes keys of a file: give SCREEN" in error
 
 
 def test_a_screen_that_cannot_run_is_refused_at_once(tmp_path: Path) -> None:
@@ -1507,7 +1520,7 @@ def test_a_build_that_fails_leaves_the_last_good_file(
 ) -> None:
     good = tmp_path / "VibratingScreen.fmu"
     good.write_bytes(b"good")
-    monkeypatch.setattr(build_fmu, "_trial", lambda path: ["it does not run"])
+    monkeypatch.setattr(vibroscreen_fmu.build, "_trial", lambda path: ["it does not run"])
     with pytest.raises(RuntimeError, match=r"is of no use and was removed:\nit does not run"):
         build_fmu.build(ScreenConfig.default(), tmp_path)
     assert list(tmp_path.iterdir()) == [good]

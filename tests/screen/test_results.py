@@ -190,10 +190,48 @@ def test_results_are_kept_and_shown() -> None:
         assert result.frame().index.name == "size_class"
         assert result.box_frame().loc["drive_power", "unit"] == "W"
     assert "deck[2].efficiency" in table._repr_html_()
-    curves, bed = steady.plot().axes
-    assert len(curves.lines) == len(bed.lines) == 2
+    gradation, curves, recovery, bed = steady.plot().axes
+    passing = {str(line.get_label()): line.get_ydata() for line in gradation.lines}
+    assert list(passing) == ["feed", "undersize", "intermediate 1", "oversize"]
+    assert passing["undersize"] == pytest.approx(100.0 * steady.undersize.passing[1:])
+    assert recovery.lines[1].get_ydata() == pytest.approx(100.0 * steady.profiles[1].recovery)
+    assert bed.lines[0].get_ydata() == pytest.approx(1e3 * steady.profiles[0].depth)
+    assert curves.lines[0].get_ydata() == pytest.approx(
+        100.0 * steady.decks[0].partition.to_oversize
+    )
+    assert len(step.plot().axes) == 2
     (axes,) = table.plot("feed.mass_flow_rate").axes
     assert axes.get_xlabel() == "feed.mass_flow_rate"
+
+
+def test_a_notebook_says_why_a_design_was_refused() -> None:
+    rates = np.array([50.0, 1e9])
+    table = solve_steady_many(DOUBLE, {"feed.mass_flow_rate": rates}, refused="mark")
+    assert "<li>design 1: feed.mass_flow_rate = " in table._repr_html_()
+
+
+def test_the_bed_along_a_deck_adds_up() -> None:
+    """What lies there and what passed, by layer and class, on a deck whose panels differ too."""
+    lower = DOUBLE.decks[1]
+    (panel,) = lower.panels
+    halves = tuple(
+        dataclasses.replace(panel, length=part * panel.length, velocity_factor=factor)
+        for part, factor in ((0.4, 1.0), (0.6, 1.7))
+    )
+    config = DOUBLE.replace(decks=(DOUBLE.decks[0], dataclasses.replace(lower, panels=halves)))
+    steady = Screen(config).solve_steady()
+    for deck, profile in zip(steady.decks, steady.profiles, strict=True):
+        assert profile.recovery[0] == 0.0
+        assert (np.diff(profile.recovery) >= 0.0).all()
+        assert profile.recovery[-1] == pytest.approx(deck.efficiency, abs=config.solver.tolerance)
+        assert profile.height[:, 0] == pytest.approx(0.0)
+        assert profile.height[:, -1] == pytest.approx(profile.depth)
+        whole = profile.content(range(config.size_classes.count))
+        there = profile.load.sum(axis=2) > 0.0
+        assert whole[there] == pytest.approx(1.0)
+        assert np.isnan(whole[~there]).all()
+        part = profile.content(3)[there] * profile.load.sum(axis=2)[there]
+        assert part == pytest.approx(profile.load[..., 3][there])
 
 
 def test_what_there_is_nothing_of_is_nan_in_a_steady_state() -> None:

@@ -27,10 +27,15 @@ __all__ = ["COMMANDS", "app", "main"]
 # What help says of a command: the first line of its docstring. Modules lie in this package unless
 # they are named; those of packages that stand on this one are known by name only.
 COMMANDS = {
+    "new": "Write the file of a screen: asks, or takes a sieve analysis.",
     "solve": "Print the steady state of a screen under its duty.",
+    "simulate": "Run a screen through a series of feeds and motions in time.",
+    "build": "Build the FMU of a screen, validate it and run two steps.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
 }
-ELSEWHERE: dict[str, str] = {}
+ELSEWHERE = {"build": "vibroscreen_fmu.build"}
+# What `pip install 'vibroscreen[...]'` brings for a command.
+EXTRA = {"build": "fmu"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
 MENDABLE = (ConfigError, InputError, ImportError, OSError)
 
@@ -61,7 +66,15 @@ class _Commands(TyperGroup):
 
 def loaded(name: str) -> Any:
     """The command of that name as typer runs it."""
-    module = import_module(ELSEWHERE.get(name, f"{__name__}.{name}"))
+    try:
+        module = import_module(ELSEWHERE.get(name, f"{__name__}.{name}"))
+    except ModuleNotFoundError as error:
+        if name not in EXTRA or str(error.name).startswith("vibroscreen."):
+            raise
+        raise ImportError(
+            f"vibroscreen {name} needs {error.name}, which is not installed: "
+            f"pip install 'vibroscreen[{EXTRA[name]}]'"
+        ) from None
     examples = getattr(module, "EXAMPLES", "")
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     epilog = examples and f"\b\nExamples:\n{examples}"

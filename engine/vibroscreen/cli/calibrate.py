@@ -9,7 +9,7 @@ import typer
 
 from vibroscreen.calibrate import Parameter, Run, calibrate
 from vibroscreen.cli.options import Plot, ScreenFile
-from vibroscreen.cli.terminal import progress, say, table, tell
+from vibroscreen.cli.terminal import picture, progress, say, table, tell, written
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.screen import settings_of
@@ -66,11 +66,9 @@ def command(
         tell(f"warning: {warning}", "yellow")
     target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
     target.write_text(result.configure(config).to_toml(), encoding="utf-8")
+    written(target)
     if plot is not None:
-        from vibroscreen.report import draw_calibration
-
-        draw_calibration(result, plot)
-    tell(f"written: {target}{f', {plot}' if plot else ''}")
+        picture(result.plot(), plot)
 
 
 def _rms(values: pd.Series[float]) -> float:

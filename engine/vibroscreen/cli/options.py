@@ -11,7 +11,18 @@ import typer
 
 from vibroscreen.config import ScreenConfig
 
-__all__ = ["Csv", "Json", "Plot", "ScreenFile", "Set", "Strict", "end", "load", "one_format"]
+__all__ = [
+    "Csv",
+    "Json",
+    "Plot",
+    "ScreenFile",
+    "Set",
+    "Strict",
+    "assignments",
+    "end",
+    "load",
+    "one_format",
+]
 
 ScreenFile = Annotated[
     Path, typer.Argument(metavar="SCREEN", help="What the screen is, and its duty (TOML).")
@@ -39,7 +50,12 @@ Strict = Annotated[
 
 def load(path: Path, changes: Sequence[str] | None) -> ScreenConfig:
     """The screen of a file, with what was set for this run."""
-    return ScreenConfig.load(path, dict(_assignment(text) for text in changes or ()))
+    return ScreenConfig.load(path, assignments(changes))
+
+
+def assignments(changes: Sequence[str] | None) -> dict[str, Any]:
+    """Values by key of what was set."""
+    return dict(_assignment(text) for text in changes or ())
 
 
 def _assignment(text: str) -> tuple[str, Any]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, end, load, one_format
-from vibroscreen.cli.solved import document, rows, streams_of
+from vibroscreen.cli.solved import document, labels_of, rows, streams_of, two_lines
 from vibroscreen.cli.terminal import picture, say, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
@@ -87,19 +87,12 @@ def figure(value: float, digits: int = 4) -> str:
     return f"{value:.0f}" if "e+" in text else text
 
 
-def _labels(decks: int) -> list[str]:
-    """What feed and products are called in a head of two lines, in the order of `streams_of`."""
-    if decks == 1:
-        return ["\nfeed", "\noversize", "\nundersize"]
-    over = [f"over\ndeck {k}" for k in range(1, decks + 1)]
-    return ["\nfeed", *over, f"through\ndeck {decks}"]
-
-
 def _print_products(steady: SteadyResult) -> None:
     """Rates and sizes of the products, passing at every limit, rates by class; with totals."""
     streams, classes = streams_of(steady), steady.config.size_classes
     decks, fed = len(steady.decks), steady.feed.mass_flow_rate
-    heads = _labels(decks)
+    labels = labels_of(decks)
+    heads = ["\n" + label if decks == 1 else two_lines(label) for label in labels]
     places = max(0, 3 - math.floor(math.log10(fed / T_H)))
     products = [stream for name, stream in streams.items() if name != "feed"]
 
@@ -109,13 +102,13 @@ def _print_products(steady: SteadyResult) -> None:
     total = sum(stream.rate for stream in products)
     lines: list[tuple[str, ...]] = [
         (
-            head.replace("\n", " ").strip(),
+            label,
             rate(stream.rate),
             f"{stream.rate / fed / PERCENT:.1f}",
             figure(stream.p80 / MM, 3),
             figure(stream.p50 / MM, 3),
         )
-        for head, stream in zip(heads, streams.values(), strict=True)
+        for label, stream in zip(labels, streams.values(), strict=True)
     ]
     lines.append(("all products", rate(total), f"{total / fed / PERCENT:.1f}", "", ""))
     table("Products", ("", "t/h", "% of feed", "P80 mm", "P50 mm"), lines)

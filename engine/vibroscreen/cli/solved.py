@@ -20,7 +20,7 @@ from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import KN, KW, MM, T_H
 
-__all__ = ["Product", "document", "rows", "schema", "streams_of"]
+__all__ = ["Product", "document", "labels_of", "rows", "schema", "streams_of", "two_lines"]
 
 Array = NDArray[np.float64]
 
@@ -85,6 +85,18 @@ def streams_of(steady: SteadyResult) -> dict[str, Product]:
     sizes = [steady.undersize_p80, steady.undersize_p50]
     found["undersize"] = Product(under.mass_flow_rate, under.mass_fraction, *sizes)
     return found
+
+
+def labels_of(decks: int) -> list[str]:
+    """What people call feed and products of a box, in the order of `streams_of`."""
+    if decks == 1:
+        return ["feed", "oversize", "undersize"]
+    return ["feed", *(f"over deck {k}" for k in range(1, decks + 1)), f"through deck {decks}"]
+
+
+def two_lines(label: str) -> str:
+    """A label over two lines of the head of a table."""
+    return label.replace(" ", "\n", 1) if " " in label else f"\n{label}"
 
 
 # --- the document --------------------------------------------------------------------------------

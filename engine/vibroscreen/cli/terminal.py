@@ -22,7 +22,17 @@ from vibroscreen.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Advance", "picture", "progress", "say", "table", "tell", "tell_error", "written"]
+__all__ = [
+    "Advance",
+    "picture",
+    "progress",
+    "say",
+    "table",
+    "tell",
+    "tell_error",
+    "told",
+    "written",
+]
 
 WIDTH = 80
 
@@ -51,13 +61,15 @@ def tell(text: str, style: str = "") -> None:
 
 def tell_error(error: BaseException) -> None:
     """Print what is wrong and, below it, what was said beside."""
-    tell("\n".join([_text_of(error), *getattr(error, "__notes__", ())]), "red")
+    tell(told(error), "red")
 
 
-def _text_of(error: BaseException) -> str:
+def told(error: BaseException) -> str:
+    """What is wrong, and what was said beside."""
+    text = str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
-    return str(error)
+        text = f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    return "\n".join([text, *getattr(error, "__notes__", ())])
 
 
 def written(*files: Path) -> None:
@@ -91,13 +103,17 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
 class Advance(Protocol):
     """Called with what is done, and of how much."""
 
-    def __call__(self, done: int, of: int, /) -> None: ...
+    def __call__(self, done: float, of: float, /) -> None: ...
 
 
 @contextmanager
 def progress(doing: str) -> Iterator[Advance]:
     """A bar with what is going on, gone when it is done; only where somebody looks at it."""
+    console = _console(errors=True)
+    if not console.is_terminal:
+        yield lambda done, of: None
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_console(errors=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)

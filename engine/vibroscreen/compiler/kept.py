@@ -45,6 +45,7 @@ def meaning(function: Callable[..., Any]) -> str:
     names = _names(code)
     for name in sorted(names & globals_.keys()):
         said.append(f"{name} = {_value(globals_[name], names)}")
+    said += [_value(cell.cell_contents, set()) for cell in function.__closure__ or ()]
     return "\n".join(said)
 
 

@@ -46,7 +46,7 @@ def look(buffer, seen):
     place = put(seen, place, state.vector(buffer, state.AT.harmonic, 5 * state.MAX_HARMONICS, 0))
     rate = max(0.0, inputs.feed_mass_flow_rate)
     seen[place] = rate
-    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    fraction = state.fraction(buffer)
     for k in range(fraction.size):
         seen[place + 1 + k] = fraction[k] if rate > 0.0 else 0.0
 
@@ -127,8 +127,8 @@ def same_rates(buffer, now, last):
         ends = state.FIXED_SCENE
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = numbers(state.scene(buffer, state.AT.scene_now, deck, number))
-            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            scene = numbers(state.scene_now(buffer, deck, number))
+            used = numbers(state.scene(buffer, deck, number))
             if differ(scene, used, 0, ends):
                 return False
     return True
@@ -155,8 +155,7 @@ def displaced(buffer, now, last):
 @kernel
 def spread_feed(buffer):
     """Split the fed classes over the nodes inside them, normalised to one."""
-    fraction = state.class_vector(buffer, state.AT.fraction, 0)
-    spread = state.class_vector(buffer, state.AT.class_mass, 0)
+    fraction, spread = state.fraction(buffer), state.class_mass(buffer, 0)
     total = 0.0
     for k in range(fraction.size):
         spread[k] = max(0.0, fraction[k])
@@ -164,8 +163,6 @@ def spread_feed(buffer):
     vectors.ratio(spread, spread, total)
     edge = state.vector(buffer, state.AT.edge, fraction.size + 1, 0)
     slope = state.vector(buffer, state.AT.slope, fraction.size + 1, 0)
-    node_class = state.node_vector(buffer, state.AT.node_class, 0)
-    position = state.node_vector(buffer, state.AT.node_position, 0)
-    weight = state.node_vector(buffer, state.AT.node_weight, 0)
-    fed = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    node_class, position = state.node_class(buffer), state.node_position(buffer)
+    weight, fed = state.node_weight(buffer), state.feed_fraction(buffer)
     split_classes(edge, spread, node_class, position, weight, slope, fed)

@@ -62,7 +62,7 @@ def check_values(buffer):
 
 @kernel
 def check_sum(buffer):
-    fraction = state.class_vector(buffer, state.AT.fraction, 0)
+    fraction = state.fraction(buffer)
     total = 0.0
     for k in range(fraction.size):
         total += max(0.0, fraction[k])
@@ -75,8 +75,7 @@ def check_sum(buffer):
 @kernel
 def check_edges(buffer):
     """Check that size classes lie one above the other, without gaps."""
-    lower = state.class_vector(buffer, state.AT.lower, 0)
-    upper = state.class_vector(buffer, state.AT.upper, 0)
+    lower, upper = state.lower(buffer), state.upper(buffer)
     for k in range(upper.size):
         place = int(buffer[state.AT.upper]) + k
         if k + 1 < upper.size and upper[k] != lower[k + 1]:

@@ -8,18 +8,11 @@ from vibroscreen.kernels.numerics import vectors
 
 
 @kernel
-def sums_of(buffer, row):
-    """Cumulative masses of a stream by class, kg, and their compensation."""
-    whole = state.class_vector(buffer, state.AT.ledger, 2 * row)
-    return whole, state.class_vector(buffer, state.AT.ledger, 2 * row + 1)
-
-
-@kernel
 def book_masses(buffer):
     """Add the class masses of the step to the ledger: nothing is rounded away (Neumaier)."""
     for row in range(state.OVER + state.extent(buffer).decks):
-        whole, rest = sums_of(buffer, row)
-        mass = state.class_vector(buffer, state.AT.class_mass, row)
+        whole, rest = state.ledger(buffer, row, 0), state.ledger(buffer, row, 1)
+        mass = state.class_mass(buffer, row)
         for k in range(mass.size):
             total = whole[k] + mass[k]
             if abs(whole[k]) >= abs(mass[k]):
@@ -32,8 +25,7 @@ def book_masses(buffer):
 @kernel
 def ledger_total(buffer, row):
     """Cumulative mass of all classes of a stream, kg."""
-    whole, rest = sums_of(buffer, row)
-    total = vectors.total(rest)
+    whole, total = state.ledger(buffer, row, 0), vectors.total(state.ledger(buffer, row, 1))
     for k in range(whole.size):
         total += whole[k]
     return total
@@ -42,16 +34,14 @@ def ledger_total(buffer, row):
 @kernel
 def balance_error(buffer):
     """Fed - discharged - held since the start, kg, class by class."""
-    initial = state.class_vector(buffer, state.AT.initial_mass, 0)
-    held = state.class_vector(buffer, state.AT.held, 0)
-    fed, fed_rest = sums_of(buffer, state.FED)
+    initial, held = state.initial_mass(buffer), state.held(buffer)
+    fed, fed_rest = state.ledger(buffer, state.FED, 0), state.ledger(buffer, state.FED, 1)
     error = 0.0
     for k in range(held.size):
         left, rest = fed[k], fed_rest[k]
         for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
-            out, out_rest = sums_of(buffer, row)
-            left -= out[k]
-            rest -= out_rest[k]
+            left -= state.ledger(buffer, row, 0)[k]
+            rest -= state.ledger(buffer, row, 1)[k]
         error += (left - held[k] + initial[k]) + rest
     return error
 
@@ -59,9 +49,9 @@ def balance_error(buffer):
 @kernel
 def count_held(buffer):
     """What lies on all decks by class, into `held`, kg."""
-    node = state.node_vector(buffer, state.AT.node_work, 0)
+    node = state.spare(buffer, 0)
     vectors.fill(node, 0.0)
-    hold_up = state.vector(buffer, state.AT.hold_up_work, state.extent(buffer).decks, 0)
+    hold_up = state.hold_up_work(buffer)
     for deck in range(hold_up.size):
         hold_up[deck] = held_by_node(buffer, deck, node)
-    classes.sum_nodes(buffer, node, state.class_vector(buffer, state.AT.held, 0))
+    classes.sum_nodes(buffer, node, state.held(buffer))

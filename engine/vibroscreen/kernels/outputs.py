@@ -5,7 +5,7 @@ from math import pi
 from vibroscreen.compiler.elementary import sin
 from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import travel
+from vibroscreen.kernels.bed import falls, travel
 from vibroscreen.kernels.bed.held import depth_at_discharge, depth_at_feed
 from vibroscreen.kernels.bed.package import bed_capacity
 from vibroscreen.kernels.checks import BED
@@ -22,19 +22,13 @@ DEEP_LIGHT, DEEP_HEAVY, LIGHT, HEAVY = 4.0, 5.0, 800.0, 1600.0
 # No screen is built for more: depth of a bed, m; its velocity, m/s; K.
 DEEPEST, FASTEST, HARDEST = 0.5, 3.0, 10.0
 NOT_CONVEYED = 2.0  # status of displacement models; above it: outside of what they were checked for
-REASONS = state.REASONS
-BED_DEPTH, CAPACITY, TRANSPORT = (
-    state.ALARMS.bed_depth,
-    state.ALARMS.capacity,
-    state.ALARMS.transport,
-)
-PERFORMANCE, PLAUSIBILITY = state.ALARMS.performance, state.ALARMS.plausibility
+ALARMS, REASONS = state.ALARMS, state.REASONS
 
 
 @kernel
 def write_stream(buffer, row, fraction, duration):
     """Fractions of a stream over the step (without flow they stay); returns its mean rate, kg/s."""
-    mass = state.class_vector(buffer, state.AT.class_mass, row)
+    mass = state.class_mass(buffer, row)
     total = vectors.total(mass)
     if total > 0.0:
         vectors.ratio(fraction, mass, total)
@@ -51,30 +45,18 @@ def least_aperture(buffer, deck):
 
 
 @kernel
-def passed_by(buffer, deck):
-    """What passed a deck in the step, kg by node."""
-    return state.node_vector(buffer, state.AT.step_mass, deck)
-
-
-@kernel
-def left_over(buffer, deck):
-    """What left over a deck in the step, kg by node."""
-    return state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
-
-
-@kernel
 def write_separation(buffer, deck, fed, duration):
     """Feed, products and efficiency of a deck in the step; `fed`: what the screen was fed, kg.
 
     Shares of what does not flow stay as they are.
     """
     result, book = state.deck_result(buffer, deck), state.book(buffer, deck)
-    size = state.node_vector(buffer, state.AT.size, 0)
-    under, over = passed_by(buffer, deck), left_over(buffer, deck)
+    size = state.size(buffer)
+    under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
     # On a lower deck falls what passed the one above in the same step.
-    come = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    come = state.feed_fraction(buffer)
     if deck > 0:
-        come, fed = passed_by(buffer, deck - 1), 1.0
+        come, fed = falls.undersize(buffer, deck - 1), 1.0
     aperture = least_aperture(buffer, deck)
     fine_come, fine_under, fine_over = 0.0, 0.0, 0.0
     coarse_come, coarse_under, coarse_over = 0.0, 0.0, 0.0
@@ -127,9 +109,8 @@ def partition_size(size, fine, coarse, level, closed):
 @kernel
 def write_cut(buffer, deck):
     """Cut size and ecart probable of a deck in the step, from its partition over the nodes."""
-    result = state.deck_result(buffer, deck)
-    size = state.node_vector(buffer, state.AT.size, 0)
-    under, over = passed_by(buffer, deck), left_over(buffer, deck)
+    result, size = state.deck_result(buffer, deck), state.size(buffer)
+    under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
     closed = 0.0
     for number in range(travel.panel_count(buffer, deck)):
         closed = max(closed, state.panel(buffer, deck, number).aperture)
@@ -150,8 +131,7 @@ def finer_size(buffer, mass, share, before):
     Each node stands for as much of its class as it weighs; there the mass lies evenly.
     """
     edge = state.vector(buffer, state.AT.edge, state.extent(buffer).classes + 1, 0)
-    node_class = state.node_vector(buffer, state.AT.node_class, 0)
-    weight = state.node_vector(buffer, state.AT.node_weight, 0)
+    node_class, weight = state.node_class(buffer), state.node_weight(buffer)
     total = vectors.total(mass)
     if total <= NOTHING:
         return before
@@ -173,22 +153,22 @@ def write_sizes(buffer):
     """Sizes of the cuts of all decks and of the products of the step."""
     output, decks = state.outputs(buffer), state.extent(buffer).decks
     output.alarm_performance = 0.0
-    state.alarm(buffer, state.ALARMS.performance).reason = 0.0
+    state.alarm(buffer, ALARMS.performance).reason = 0.0
     for deck in range(decks):
         result = state.deck_result(buffer, deck)
         missed = write_cut(buffer, deck)
         if state.book(buffer, deck).unfed > 0.0:
-            alarm(buffer, PERFORMANCE, REASONS.nothing_fed, deck, 0.0, result.aperture, 0.0)
+            alarm(buffer, ALARMS.performance, REASONS.nothing_fed, deck, 0.0, result.aperture, 0.0)
         elif missed > 0.0:
-            alarm(buffer, PERFORMANCE, REASONS.no_crossing, deck, result.cut_size, 0.0, 0.0)
-    top, lowest = state.deck_result(buffer, 0), passed_by(buffer, decks - 1)
+            alarm(buffer, ALARMS.performance, REASONS.no_crossing, deck, result.cut_size, 0.0, 0.0)
+    top, lowest = state.deck_result(buffer, 0), falls.undersize(buffer, decks - 1)
     output.cut_size, output.ecart_probable = top.cut_size, top.ecart_probable
     output.undersize_p80 = finer_size(buffer, lowest, 0.8, output.undersize_p80)
     output.undersize_p50 = finer_size(buffer, lowest, 0.5, output.undersize_p50)
-    output.oversize_p80 = finer_size(buffer, left_over(buffer, 0), 0.8, output.oversize_p80)
-    output.oversize_p50 = finer_size(buffer, left_over(buffer, 0), 0.5, output.oversize_p50)
+    output.oversize_p80 = finer_size(buffer, falls.oversize(buffer, 0), 0.8, output.oversize_p80)
+    output.oversize_p50 = finer_size(buffer, falls.oversize(buffer, 0), 0.5, output.oversize_p50)
     for k in range(decks - 1):
-        between, mass = state.intermediate(buffer, k), left_over(buffer, k + 1)
+        between, mass = state.intermediate(buffer, k), falls.oversize(buffer, k + 1)
         between.p80 = finer_size(buffer, mass, 0.8, between.p80)
         between.p50 = finer_size(buffer, mass, 0.5, between.p50)
 
@@ -214,17 +194,11 @@ def alarm(buffer, place, reason, deck, value, limit, other):
 
 
 @kernel
-def held_in_total(buffer):
-    """What lies on all decks by the sums over the classes, kg."""
-    return vectors.total(state.class_vector(buffer, state.AT.held, 0))
-
-
-@kernel
 def write_state(buffer, hold_up):
     """Outputs that describe the moment: hold-up [kg], depths, velocity, power, alarms."""
     output, parameter = state.outputs(buffer), state.parameters(buffer)
     inputs = state.inputs(buffer)
-    for place in (BED_DEPTH, CAPACITY, TRANSPORT, PLAUSIBILITY):
+    for place in (ALARMS.bed_depth, ALARMS.capacity, ALARMS.transport, ALARMS.plausibility):
         numbers(output)[state.FIRST_ALARM + place] = 0.0
         state.alarm(buffer, place).reason = 0.0
     bed = 0.0
@@ -244,30 +218,27 @@ def write_state(buffer, hold_up):
     output.acceleration_number = inputs.motion_amplitude * speed * speed / GRAVITY
     if output.acceleration_number > HARDEST:
         number = output.acceleration_number
-        alarm(buffer, PLAUSIBILITY, REASONS.implausible_motion, -1, number, HARDEST, 0.0)
+        alarm(buffer, ALARMS.plausibility, REASONS.implausible_motion, -1, number, HARDEST, 0.0)
     output.balance_error = balance_error(buffer)
 
 
 @kernel
 def write_bed(buffer, deck):
     """Hold-up, depths and velocity of a deck; returns the power that its bed takes, W."""
-    result = state.deck_result(buffer, deck)
-    first = state.scene(buffer, state.AT.scene, deck, 0)
+    result, first = state.deck_result(buffer, deck), state.scene(buffer, deck, 0)
     panels = travel.panel_count(buffer, deck)
     result.aperture = least_aperture(buffer, deck)
-    result.hold_up = state.vector(buffer, state.AT.hold_up_work, state.extent(buffer).decks, 0)[
-        deck
-    ]
+    result.hold_up = state.hold_up_work(buffer)[deck]
     result.depth_feed = depth_at_feed(buffer, deck)
     result.depth_discharge = depth_at_discharge(buffer, deck)
     result.depth_over_aperture_feed = result.depth_feed / first.aperture
-    last = state.scene(buffer, state.AT.scene, deck, panels - 1)
+    last = state.scene(buffer, deck, panels - 1)
     result.depth_over_aperture_discharge = result.depth_discharge / last.aperture
     result.transport_velocity, result.throw_number = first.transport_velocity, first.throw_number
     length = travel.deck_length(buffer, deck)
     power = 0.0
     for number in range(panels):
-        scene = state.scene(buffer, state.AT.scene, deck, number)
+        scene = state.scene(buffer, deck, number)
         fall = GRAVITY * scene.transport_velocity * sin(scene.inclination)
         share = state.panel(buffer, deck, number).length / length
         power += share * max(0.0, scene.dissipation - fall)
@@ -284,25 +255,25 @@ def deep_in_apertures(density):
 @kernel
 def watch_bed(buffer, deck):
     """Alarms of the bed of a deck."""
-    result = state.deck_result(buffer, deck)
-    panels = travel.panel_count(buffer, deck)
+    result, panels = state.deck_result(buffer, deck), travel.panel_count(buffer, deck)
     times = deep_in_apertures(state.parameters(buffer).material_bulk_density)
-    deep = times * state.scene(buffer, state.AT.scene, deck, panels - 1).aperture
+    deep = times * state.scene(buffer, deck, panels - 1).aperture
     if result.depth_discharge > deep:
         depth = result.depth_discharge
-        alarm(buffer, BED_DEPTH, REASONS.deep_bed, deck, depth, deep, times)
+        alarm(buffer, ALARMS.bed_depth, REASONS.deep_bed, deck, depth, deep, times)
     if state.book(buffer, deck).capacity_alarm > 0.0:
         limit = bed_capacity(buffer, deck)
-        alarm(buffer, CAPACITY, REASONS.full_layers, deck, result.depth_feed, limit, 0.0)
+        alarm(buffer, ALARMS.capacity, REASONS.full_layers, deck, result.depth_feed, limit, 0.0)
     depth = max(result.depth_feed, result.depth_discharge)
     if depth > DEEPEST:
-        alarm(buffer, PLAUSIBILITY, REASONS.implausible_depth, deck, depth, DEEPEST, 0.0)
+        alarm(buffer, ALARMS.plausibility, REASONS.implausible_depth, deck, depth, DEEPEST, 0.0)
     for number in range(panels):
-        scene = state.scene(buffer, state.AT.scene, deck, number)
+        scene = state.scene(buffer, deck, number)
         watch_transport(buffer, deck, scene.transport_status, scene.inclination, scene.throw_number)
-        velocity = scene.transport_velocity
-        if velocity > FASTEST:
-            alarm(buffer, PLAUSIBILITY, REASONS.implausible_velocity, deck, velocity, FASTEST, 0.0)
+        fast = scene.transport_velocity
+        if fast > FASTEST:
+            reason = REASONS.implausible_velocity
+            alarm(buffer, ALARMS.plausibility, reason, deck, fast, FASTEST, 0.0)
 
 
 @kernel
@@ -313,14 +284,14 @@ def watch_transport(buffer, deck, status, inclination, throw):
         return
     friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
     if status == NOT_CONVEYED:
-        alarm(buffer, TRANSPORT, REASONS.not_conveyed, deck, 0.0, 0.0, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.not_conveyed, deck, 0.0, 0.0, 0.0)
     elif parameter.displacement_model != BED:
-        alarm(buffer, TRANSPORT, REASONS.unchecked_motion, deck, throw, 0.0, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.unchecked_motion, deck, throw, 0.0, 0.0)
     elif throw > BED_THROW:
-        alarm(buffer, TRANSPORT, REASONS.high_throw, deck, throw, BED_THROW, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.high_throw, deck, throw, BED_THROW, 0.0)
     else:
         grip = bed_friction(friction, BED_CONSTANTS[2])
-        alarm(buffer, TRANSPORT, REASONS.beyond_bed, deck, inclination, grip, 0.0)
+        alarm(buffer, ALARMS.transport, REASONS.beyond_bed, deck, inclination, grip, 0.0)
 
 
 @kernel
@@ -335,16 +306,14 @@ def write_sums(buffer):
 
 @kernel
 def write_streams(buffer, duration):
-    output = state.outputs(buffer)
-    under = state.class_vector(buffer, state.AT.undersize_fraction, 0)
-    over = state.class_vector(buffer, state.AT.oversize_fraction, 0)
+    output, under = state.outputs(buffer), state.undersize_fraction(buffer)
+    over = state.oversize_fraction(buffer)
     output.undersize_rate = write_stream(buffer, state.UNDER, under, duration)
     output.oversize_rate = write_stream(buffer, state.OVER, over, duration)
     for k in range(state.extent(buffer).decks - 1):
-        fraction = state.class_vector(buffer, state.AT.intermediate_fraction, k)
-        between = state.intermediate(buffer, k)
+        fraction, between = state.intermediate_fraction(buffer, k), state.intermediate(buffer, k)
         between.rate = write_stream(buffer, state.OVER + 1 + k, fraction, duration)
-    fed = vectors.total(state.class_vector(buffer, state.AT.class_mass, state.FED))
+    fed = vectors.total(state.class_mass(buffer, state.FED))
     for deck in range(state.extent(buffer).decks):
         write_separation(buffer, deck, fed, duration)
     output.efficiency = state.deck_result(buffer, 0).efficiency

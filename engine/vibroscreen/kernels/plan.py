@@ -72,7 +72,7 @@ def plan(buffer, aperture, velocity):
         length = state.vector(buffer, state.AT.apertures, panel_count(buffer, deck), 0)
         for k in range(length.size):
             length[k] = state.panel(buffer, deck, k).length
-        share = state.vector(buffer, state.AT.panel_cells, extent.panels, deck)
+        share = state.panel_cells(buffer, deck)
         share_cells(length, extent.cells, share)
     place_nodes(buffer)
     return code
@@ -83,7 +83,7 @@ def read_velocities(buffer, aperture, velocity):
     """Passage velocity of the first panel, and of all panels over it, from a table."""
     first, extent = 0.0, state.extent(buffer)
     for deck in range(extent.decks):
-        factor = state.vector(buffer, state.AT.passage_factor, extent.panels, deck)
+        factor = state.passage_factor(buffer, deck)
         for k in range(panel_count(buffer, deck)):
             wanted = state.panel(buffer, deck, k).aperture
             least, most = aperture[0], aperture[aperture.size - 1]

@@ -2,7 +2,7 @@
 
 from math import isfinite, sqrt
 
-from vibroscreen.compiler.language import kernel, numbers, view2
+from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import checks, state
 from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
 from vibroscreen.kernels.numerics import vectors
@@ -21,7 +21,7 @@ INCLINATION, VELOCITY_FACTOR = (state.PANEL.index(n) for n in ("inclination", "v
 @kernel
 def vibrates(buffer):
     """Whether anything moves: a frequency, and an amplitude or a harmonic."""
-    inputs, harmonic = state.inputs(buffer), state.harmonics(buffer)
+    inputs, harmonic = state.inputs(buffer), state.harmonic(buffer)
     moved = abs(inputs.motion_amplitude)
     for k in range(state.MAX_HARMONICS):
         if harmonic[k, 0] > 0.0:
@@ -38,10 +38,9 @@ def rotation_of(buffer, panel):
 @kernel
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
-    inputs = state.inputs(buffer)
-    harmonic = view2(buffer, int(buffer[state.AT.motion_harmonic]), state.MAX_HARMONICS + 1, 5)
+    inputs, harmonic = state.inputs(buffer), state.motion_harmonic(buffer)
     said = numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION]
-    motion.compose_motion(said, state.harmonics(buffer), rotation_of(buffer, panel), harmonic)
+    motion.compose_motion(said, state.harmonic(buffer), rotation_of(buffer, panel), harmonic)
     return harmonic
 
 
@@ -49,11 +48,9 @@ def panel_motion(buffer, panel):
 def solve_displacement(buffer, deck, number):
     """Velocity of the bed on a panel and what goes with it, into displacement_result."""
     parameter, inputs = state.parameters(buffer), state.inputs(buffer)
-    panel = state.panel(buffer, deck, number)
-    result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
-    extent = state.extent(buffer)
-    work = state.vector(buffer, state.AT.displacement_work, extent.displacement_work, 0)
-    drive = state.vector(buffer, state.AT.drive_setting, 5, 0)
+    panel, result = state.panel(buffer, deck, number), state.displacement_result(buffer)
+    extent, work = state.extent(buffer), state.displacement_work(buffer)
+    drive = state.drive_setting(buffer)
     harmonic = panel_motion(buffer, panel)
     drive[0], drive[1] = inputs.motion_frequency, panel.inclination
     drive[2] = min(parameter.material_friction_deck, parameter.material_friction_internal)
@@ -108,14 +105,14 @@ def refuse_still(buffer):
 @kernel
 def set_transport(buffer, deck, number, scene):
     """Solve the displacement of a panel into its scene; refuses a deck too steep for its model."""
-    result = state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)
+    result = state.displacement_result(buffer)
     if not vibrates(buffer):
         vectors.fill(result, 0.0)
     else:
         solve_displacement(buffer, deck, number)
     if result[6] == 1.0:
         place = state.panel_place(buffer, deck, number) + INCLINATION
-        friction = state.vector(buffer, state.AT.drive_setting, 5, 0)[2]
+        friction = state.drive_setting(buffer)[2]
         return checks.refuse(buffer, state.REFUSED.too_steep, place, buffer[place], friction)
     if not (isfinite(result[0]) and isfinite(result[4]) and isfinite(result[5])):
         place = int(buffer[state.AT.parameter]) + checks.DISPLACEMENT_MODEL
@@ -129,28 +126,15 @@ def set_transport(buffer, deck, number, scene):
 
 @kernel
 def same_transport(buffer, deck, number):
-    """An earlier panel (deck x panels + panel) with the same displacement, or -1."""
+    """An earlier panel with the same displacement, by its deck and number; deck -1: none."""
     panel = state.panel(buffer, deck, number)
     for other in range(deck + 1):
         for k in range(number if other == deck else panel_count(buffer, other)):
             known = state.panel(buffer, other, k)
             alike = known.velocity_factor == panel.velocity_factor
             if alike and known.inclination == panel.inclination:
-                return other * state.extent(buffer).panels + k
-    return -1
-
-
-@kernel
-def new_scene(buffer, deck, number):
-    return state.scene(buffer, state.AT.scene_now, deck, number)
-
-
-@kernel
-def copy_transport(buffer, known, scene):
-    panels = state.extent(buffer).panels
-    other = new_scene(buffer, known // panels, known % panels)
-    scene.transport_velocity, scene.dissipation = other.transport_velocity, other.dissipation
-    scene.throw_number, scene.transport_status = other.throw_number, other.transport_status
+                return other, k
+    return -1, 0
 
 
 @kernel
@@ -159,17 +143,16 @@ def stop_together(buffer, deck):
     panels = panel_count(buffer, deck)
     slowest = 1e300
     for number in range(panels):
-        slowest = min(slowest, new_scene(buffer, deck, number).transport_velocity)
+        slowest = min(slowest, state.scene_now(buffer, deck, number).transport_velocity)
     if slowest <= 0.0:
         for number in range(panels):
-            new_scene(buffer, deck, number).transport_velocity = 0.0
+            state.scene_now(buffer, deck, number).transport_velocity = 0.0
 
 
 @kernel
 def close_scene(buffer, deck, number, scene):
     """What the vibration of a panel does: throw the bed, and scale u and w where so chosen."""
-    chosen = state.vector(buffer, state.AT.closure, 2, 0)
-    aperture = state.panel(buffer, deck, number).aperture
+    chosen, aperture = state.closure(buffer), state.panel(buffer, deck, number).aperture
     harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
     scene.throw_height = closure.throw_height(harmonic, frequency)
@@ -196,8 +179,7 @@ def set_scene(buffer, deck, number, scene):
     offered, said = numbers(scene), numbers(parameter)
     for to, come in state.OF_LAWS:
         offered[to] = said[come]
-    panels = state.extent(buffer).panels
-    factor = state.vector(buffer, state.AT.passage_factor, panels, deck)[number]
+    factor = state.passage_factor(buffer, deck)[number]
     fall = sqrt(motion.GRAVITY * panel.aperture)
     passing = parameter.passage_velocity * factor + parameter.passage_relative_velocity * fall
     sinking = parameter.segregation_velocity + parameter.segregation_relative_velocity * fall
@@ -209,7 +191,7 @@ def set_scene(buffer, deck, number, scene):
     scene.throw_angle = inputs.motion_throw_angle + rotation_of(buffer, panel)
     scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
     panels = panel_count(buffer, deck)
-    scene.horizon = riding_time_over(buffer, state.AT.scene_now, deck, panels)
+    scene.horizon = riding_time_over(buffer, True, deck, panels)
 
 
 @kernel
@@ -217,13 +199,16 @@ def prepare_scenes(buffer, solve):
     """New scenes into scene_now; the scenes in use stay as they are."""
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            scene = new_scene(buffer, deck, number)
-            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            scene = state.scene_now(buffer, deck, number)
+            used = numbers(state.scene(buffer, deck, number))
             vectors.copy(numbers(scene), used)
             if solve:
-                known = same_transport(buffer, deck, number)
-                if known >= 0:
-                    copy_transport(buffer, known, scene)
+                alike, panel = same_transport(buffer, deck, number)
+                if alike >= 0:
+                    known = state.scene_now(buffer, alike, panel)
+                    scene.transport_velocity = known.transport_velocity
+                    scene.dissipation, scene.throw_number = known.dissipation, known.throw_number
+                    scene.transport_status = known.transport_status
                 else:
                     code = set_transport(buffer, deck, number, scene)
                     if code != state.ACCEPTED:
@@ -231,7 +216,7 @@ def prepare_scenes(buffer, solve):
     for deck in range(state.extent(buffer).decks):
         stop_together(buffer, deck)
         for number in range(panel_count(buffer, deck)):
-            set_scene(buffer, deck, number, new_scene(buffer, deck, number))
+            set_scene(buffer, deck, number, state.scene_now(buffer, deck, number))
     return state.ACCEPTED
 
 
@@ -239,6 +224,6 @@ def prepare_scenes(buffer, solve):
 def keep_scenes(buffer):
     for deck in range(state.extent(buffer).decks):
         for number in range(panel_count(buffer, deck)):
-            used = numbers(state.scene(buffer, state.AT.scene, deck, number))
+            used = numbers(state.scene(buffer, deck, number))
             fixed = used[: state.FIXED_SCENE]
-            vectors.copy(fixed, numbers(new_scene(buffer, deck, number)))
+            vectors.copy(fixed, numbers(state.scene_now(buffer, deck, number)))

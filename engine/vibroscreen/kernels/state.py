@@ -10,6 +10,8 @@ the whole state of an instance: copying it copies the screen.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
+from typing import Any
 
 from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
 from vibroscreen.figures import ALARMS as ALARM_FIGURES
@@ -50,27 +52,11 @@ _NAMES = {v.scalar if _FIELDS.count(v.field) > 1 else v.field: v for v in _LAWS}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
-    "density",
-    "contact_load",
-    "layer_load",
-    "aperture",
-    "open_area",
+    "density contact_load layer_load aperture open_area",
     *(name for name, v in _NAMES.items() if v.section == "segregation"),
     *(name for name, v in _NAMES.items() if v.section == "passage"),
-    "throw_height",
-    "frequency",
-    "amplitude",
-    "throw_angle",
-    "ellipticity",
-    "inclination",
-    "throw_number",
-    "transport_velocity",
-    "dissipation",
-    "transport_status",
-    "horizon",
-    "layer_full",
-    "bed_load",
-    "cover",
+    "throw_height frequency amplitude throw_angle ellipticity inclination throw_number",
+    "transport_velocity dissipation transport_status horizon layer_full bed_load cover",
 )
 # Where they lie in a scene, and among the parameters.
 OF_LAWS = tuple((SCENE.index(name), PARAMETER.index(v.scalar)) for name, v in _NAMES.items())
@@ -86,9 +72,7 @@ DECK = Record(
 )
 
 # What an instance remembers besides; duration: of the step whose masses step_mass holds, s.
-MEMORY = Record(
-    "settled unread duration",
-)
+MEMORY = Record("settled unread duration")
 
 # A step of the column at hand: how long the whole lasts and what is left of it, and a step that is
 # taken whatever its error, s; growth of the top layer now and a step ago, kg/(m2 s), 0 if unknown;
@@ -135,7 +119,7 @@ REFUSED = Places(
     "short_deck unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
     "no_bed_velocity still_panel body_stays",
 )
-REFUSAL = Record("code", "index", "value", "limit")
+REFUSAL = Record("code index value limit")
 
 # What one of many steady solutions gives first: whether it was refused. Behind it come outputs,
 # results of decks, streams between them, alarms and the class rates of all streams.
@@ -184,14 +168,15 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
     },
     "state": {
         "counter": (COUNTER,),
-        "ledger": ("ledger_rows", "classes"),
+        # sums and their compensation
+        "ledger": ("streams", 2, "classes"),
         "initial_mass": ("classes",),
         "held": ("classes",),
         "steady_rate": ("streams", "classes"),
         "memory": (MEMORY,),
         "alarm": (ALARM_COUNT, ALARM),
         # of the last step: undersize of every deck, then oversize of every deck, kg
-        "step_mass": ("deck_streams", "nodes"),
+        "step_mass": (2, "decks", "nodes"),
         "last_seen": ("seen",),
         "feed_fraction": ("nodes",),
         "scene": ("decks", "panels", SCENE),
@@ -219,9 +204,9 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         # along a steady deck with one below: place, what has passed up to there [kg/s] and falls
         # there [kg/(m s)] on both sides of the place; and what a lower cohort still owes
         "knot_place": ("decks", "knots"),
-        "knot_passed": ("knot_rows", "nodes"),
-        "knot_before": ("knot_rows", "nodes"),
-        "knot_after": ("knot_rows", "nodes"),
+        "knot_passed": ("decks", "knots", "nodes"),
+        "knot_before": ("decks", "knots", "nodes"),
+        "knot_after": ("decks", "knots", "nodes"),
         "carry": ("decks", "nodes"),
     },
     "work": {
@@ -235,17 +220,17 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "displacement_work": ("displacement_work",),
         "class_mass": ("streams", "classes"),
         "recovery": ("classes",),
-        "column_work": (WORK,),
+        "work": (WORK,),
         "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
         "fall_start": ("decks", "falls"),
         "fall_stop": ("decks", "falls"),
-        "fall": ("fall_rows", "nodes"),
+        "fall": ("decks", "falls", "nodes"),
         "fall_cohort": ("decks", "nodes"),
         "fall_count": ("decks", 4),
         # what passed and passes of the slice that is recorded
-        "record": (2, "nodes"),
+        "recorded": (2, "nodes"),
         # what lands on the packages of a deck, and where they are
         "landing_start": ("falls",),
         "landing_stop": ("falls",),
@@ -256,14 +241,14 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "part_slot": ("packages",),
         "part_passed": ("packages", "nodes"),
         "part_before": ("packages", "nodes"),
-        "column": ("layers", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
         # coefficients in time of what lands, of all nodes and of those that take part
         "source": (3, "nodes"),
         "source_now": (3, "sizes"),
-        # sizes and 1/reference of the nodes that take part, and which they are
+        # sizes and 1/reference of the nodes that take part
         "compact": (2, "sizes"),
+        # where each size of a column is in a block, -1: nowhere, and its share of what is there
         "place": ("nodes",),
         "share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
@@ -278,6 +263,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "scratch": ("layers", "sizes"),
         "percolation": ("layers", "sizes"),
         "node_work": (4, "sizes"),
+        "spare": (4, "nodes"),
         "upward": ("layers",),
     },
 }
@@ -295,10 +281,13 @@ KINDS = {
 }
 FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
-
-
 # Places in the header that hold the offsets of the fields.
 AT = Places(len(DIMENSION), *FIELD)
+
+
+# --- a field by its name -------------------------------------------------------------------------
+# Fields that end in a matrix; the others end in a vector or a record.
+MATRICES = frozenset("harmonic motion_harmonic source load lead partial column_time".split())
 
 
 @kernel
@@ -308,105 +297,79 @@ def vector(buffer, at, size, row):
 
 
 @kernel
-def node_vector(buffer, at, row):
-    return vector(buffer, at, extent(buffer).nodes, row)
-
-
-@kernel
-def streams(buffer, at):
-    """What a field holds of the streams by class, as one vector."""
-    return vector(buffer, at, (OVER + extent(buffer).decks) * extent(buffer).classes, 0)
-
-
-@kernel
-def class_vector(buffer, at, row):
-    return vector(buffer, at, extent(buffer).classes, row)
-
-
-@kernel
-def package_vector(buffer, at, deck):
-    return vector(buffer, at, extent(buffer).packages, deck)
-
-
-@kernel
 def extent(buffer):
     """Dimensions of the buffer."""
     return record(buffer, 0, DIMENSION)
 
 
 @kernel
-def parameters(buffer):
-    return record(buffer, int(buffer[AT.parameter]), PARAMETER)
+def _extent(buffer, said):
+    """An extent of a field: a number, or below 0 by the place of a dimension."""
+    return said if said >= 0 else int(buffer[-1 - said])
 
 
-@kernel
-def inputs(buffer):
-    return record(buffer, int(buffer[AT.input]), INPUT)
+def _said(symbol: str | int | Record) -> int:
+    if isinstance(symbol, str):
+        return -1 - DIMENSION.index(symbol)
+    return symbol if isinstance(symbol, int) else len(symbol)
 
 
-@kernel
-def outputs(buffer):
-    return record(buffer, int(buffer[AT.output]), OUTPUT)
+@cache
+def _form(*symbols: str | int | Record) -> tuple[Any, Any]:
+    """Kernels that view what has these extents at a place, and say how many numbers it holds."""
+    kind, wide = symbols[-1], _said(symbols[-1])
+    high = _said(symbols[0]) if len(symbols) > 1 else 1
+
+    def as_record(buffer, place):
+        return record(buffer, place, kind)
+
+    def as_vector(buffer, place):
+        return view1(buffer, place, _extent(buffer, wide))
+
+    def as_matrix(buffer, place):
+        return view2(buffer, place, _extent(buffer, high), _extent(buffer, wide))
+
+    def size(buffer):
+        return _extent(buffer, high) * _extent(buffer, wide)
+
+    form = as_record if isinstance(kind, Record) else (as_vector, as_matrix)[len(symbols) - 1]
+    return _named(form, symbols), _named(size, symbols)
 
 
-@kernel
-def intermediate(buffer, deck):
-    """Outputs of the stream over the deck below deck `deck`."""
-    return record(buffer, int(buffer[AT.intermediate]) + deck * len(INTERMEDIATE), INTERMEDIATE)
+def _named(made: Any, said: object) -> Any:
+    made.__qualname__ = f"{made.__name__} {said}"
+    return kernel(made)
 
 
-@kernel
-def deck_result(buffer, deck):
-    """Outputs of a deck."""
-    return record(buffer, int(buffer[AT.deck_result]) + deck * len(DECK_RESULT), DECK_RESULT)
+def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
+    """The kernel that finds a field, `name(buffer, *rows)`: a record, a vector or a matrix."""
+    at, inner = getattr(AT, name), 2 if name in MATRICES else 1
+    rows, (form, size) = symbols[:-inner], _form(*symbols[-inner:])
+    count = _said(rows[-1]) if len(rows) > 1 else 1
+
+    def of_one(buffer):
+        return form(buffer, int(buffer[at]))
+
+    def of_row(buffer, row):
+        return form(buffer, int(buffer[at]) + int(row) * size(buffer))
+
+    def of_two(buffer, row, column):
+        place = int(row) * _extent(buffer, count) + int(column)
+        return form(buffer, int(buffer[at]) + place * size(buffer))
+
+    return _named((of_one, of_row, of_two)[len(rows)], name)
 
 
-@kernel
-def alarm(buffer, place):
-    """Why an alarm is set."""
-    return record(buffer, int(buffer[AT.alarm]) + place * len(ALARM), ALARM)
-
-
-@kernel
-def switches(buffer):
-    return record(buffer, int(buffer[AT.switch]), SWITCH)
-
-
-@kernel
-def counters(buffer):
-    return record(buffer, int(buffer[AT.counter]), COUNTER)
-
-
-@kernel
-def memory(buffer):
-    return record(buffer, int(buffer[AT.memory]), MEMORY)
-
-
-@kernel
-def work(buffer):
-    """What is done with the column at hand."""
-    return record(buffer, int(buffer[AT.column_work]), WORK)
-
-
-@kernel
-def step(buffer):
-    return record(buffer, int(buffer[AT.step]), STEP)
-
-
-@kernel
-def refusal(buffer):
-    return record(buffer, int(buffer[AT.refusal]), REFUSAL)
-
-
-@kernel
-def book(buffer, deck):
-    return record(buffer, int(buffer[AT.deck]) + deck * len(DECK), DECK)
-
-
-@kernel
-def scene(buffer, at, deck, panel):
-    row = deck * extent(buffer).panels + panel
-    return record(buffer, int(buffer[at]) + row * len(SCENE), SCENE)
+# `state.lead(buffer, deck)` is the field `lead` of a deck, and so on for all whose last extents
+# are a number, a record or of DIMENSION.
+globals().update(
+    (name, _field(name, symbols))
+    for fields in SECTIONS.values()
+    for name, symbols in fields.items()
+    if isinstance(symbols[-1], int | Record) or symbols[-1] in DIMENSION
+)
+parameters, inputs, outputs = (globals()[name] for name in ("parameter", "input", "output"))
+switches, counters, book = (globals()[name] for name in ("switch", "counter", "deck"))
 
 
 @kernel
@@ -414,25 +377,6 @@ def panel_place(buffer, deck, number):
     """Where the parameters of a panel begin in the buffer."""
     row = deck * extent(buffer).panels + number
     return int(buffer[AT.panel]) + row * len(PANEL)
-
-
-@kernel
-def panel(buffer, deck, number):
-    return record(buffer, panel_place(buffer, deck, number), PANEL)
-
-
-@kernel
-def harmonics(buffer):
-    """Further harmonics of the motion: order, along, its phase, normal, its phase."""
-    return view2(buffer, int(buffer[AT.harmonic]), MAX_HARMONICS, 5)
-
-
-@kernel
-def column(buffer, at, index):
-    """Column `index` of a field of columns: areal mass [layer, node]."""
-    layers = extent(buffer).layers
-    nodes = extent(buffer).nodes
-    return view2(buffer, int(buffer[at]) + index * layers * nodes, layers, nodes)
 
 
 @kernel

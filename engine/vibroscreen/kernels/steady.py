@@ -19,17 +19,16 @@ FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
 def start_slice(buffer, deck):
     """Put a slice at the feed end of a deck: on the top one what is fed, on a lower one nothing."""
     front.start_cohort(buffer, deck, max(0.0, state.inputs(buffer).feed_mass_flow_rate))
-    for at in (state.AT.carry, state.AT.fall_cohort, state.AT.step_mass):
-        vectors.fill(state.node_vector(buffer, at, deck), 0.0)
-    vectors.fill(falls.oversize(buffer, deck), 0.0)
-    state.book(buffer, deck).capacity_alarm = 0.0
+    vectors.fill(state.carry(buffer, deck), 0.0)
+    vectors.fill(state.fall_cohort(buffer, deck), 0.0)
+    falls.clear_streams(buffer, deck)
 
 
 @kernel
 def place_nodes(buffer):
     """Write the nodes of the screen in the buffer, and how many there are."""
     extent, parameter = state.extent(buffer), state.parameters(buffer)
-    strength = state.vector(buffer, state.AT.strength, 2, 0)
+    strength = state.strength(buffer)
     panels = extent.decks * extent.panels
     apertures = state.vector(buffer, state.AT.apertures, panels, 0)
     count = 0
@@ -47,7 +46,7 @@ def place_nodes(buffer):
             apertures[place] = panel.aperture
             count += 1
         reach = max(reach, open_length)
-        area = max(area, open_length * travel.deck_width(buffer, deck))
+        area = max(area, open_length * state.width(buffer)[deck])
     feed = state.inputs(buffer).feed_mass_flow_rate
     exposure = area / feed if feed > 0.0 else 0.0
     classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
@@ -69,7 +68,7 @@ def prepare_slice(buffer):
         for deck in range(state.extent(buffer).decks):
             horizon = travel.residence_time(buffer, deck)
             for panel in range(travel.panel_count(buffer, deck)):
-                state.scene(buffer, state.AT.scene, deck, panel).horizon = horizon
+                state.scene(buffer, deck, panel).horizon = horizon
         start_slice(buffer, 0)
     return code
 
@@ -80,8 +79,7 @@ def follow(buffer, deck, duration):
     book = state.book(buffer, deck)
     left = duration
     while left > 0.0:
-        panel = book.lead_panel
-        step = left
+        panel, step = book.lead_panel, left
         crosses = False
         if travel.conveys(buffer, deck) and panel + 1 < travel.panel_count(buffer, deck):
             until = travel.panel_end_time(buffer, deck, panel) - book.cohort_front
@@ -99,7 +97,7 @@ def follow(buffer, deck, duration):
 @kernel
 def lay_batch(buffer, areal_mass, horizon):
     """Put a batch of `areal_mass` kg/m2 of the feed's composition on the plate."""
-    state.scene(buffer, state.AT.scene, 0, 0).horizon = horizon
+    state.scene(buffer, 0, 0).horizon = horizon
     front.lay_lead(buffer, 0, areal_mass)
 
 
@@ -139,9 +137,7 @@ def write_outputs(buffer):
         state.book(buffer, deck).covered = 1.0  # the slice is at the discharge
         front.watch_capacity(buffer, deck)
     outputs.write_streams(buffer, 1.0)
-    outputs.write_state(
-        buffer, vectors.total(state.vector(buffer, state.AT.hold_up_work, decks, 0))
-    )
+    outputs.write_state(buffer, vectors.total(state.hold_up_work(buffer)))
     outputs.read_sizes(buffer)
     for deck in range(decks):
         state.book(buffer, deck).covered = 0.0
@@ -150,11 +146,11 @@ def write_outputs(buffer):
 @kernel
 def write_class_recovery(buffer):
     """Part of each class that reaches the undersize, from the streams by class."""
-    recovery = state.class_vector(buffer, state.AT.recovery, 0)
+    recovery = state.recovery(buffer)
     vectors.fill(recovery, 0.0)
     for row in range(state.UNDER, state.OVER + state.extent(buffer).decks):
-        vectors.add(recovery, 1.0, state.class_vector(buffer, state.AT.class_mass, row))
-    under = state.class_vector(buffer, state.AT.class_mass, state.UNDER)
+        vectors.add(recovery, 1.0, state.class_mass(buffer, row))
+    under = state.class_mass(buffer, state.UNDER)
     for k in range(recovery.size):
         recovery[k] = under[k] / recovery[k] if recovery[k] > 0.0 else 0.0
 
@@ -181,7 +177,7 @@ def solve_many(buffer, count, rebuild):
     row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
-        other = state.vector(buffer, state.AT.design_harmonic, harmonic.size, row)
+        other = state.design_harmonic(buffer, row)
         vectors.copy(harmonic, other)
         code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
@@ -225,29 +221,28 @@ def lay_first_cell(buffer, deck):
     start_slice(buffer, deck)
     follow(buffer, deck, travel.cell_end(buffer, deck, 0))
     book = state.book(buffer, deck)
-    laid = bed_load(state.column(buffer, state.AT.partial, deck), book.partial_layers)
+    laid = bed_load(state.partial(buffer, deck), book.partial_layers)
     book.first_load = laid / travel.cell_length(buffer, deck, 0)
 
 
 @kernel
 def solve_decks(buffer):
     """Follow the slices of all decks to the discharge; the top one's is at the feed end."""
-    decks = state.extent(buffer).decks
-    hold_up = state.vector(buffer, state.AT.hold_up_work, decks, 0)
+    decks, hold_up = state.extent(buffer).decks, state.hold_up_work(buffer)
     for deck in range(decks):
         if deck > 0:
             lay_first_cell(buffer, deck)
             start_slice(buffer, deck)
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))
-        book, width = state.book(buffer, deck), travel.deck_width(buffer, deck)
+        book, width = state.book(buffer, deck), state.width(buffer)[deck]
         last = travel.panel_count(buffer, deck) - 1
         passing = width * travel.panel_velocity(buffer, deck, 0)
         leaving = width * travel.panel_velocity(buffer, deck, last)
         under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
-        passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+        passed = state.lead_passed(buffer, deck)
         for i in range(passed.size):
             under[i], over[i] = passing * passed[i], 0.0
-        vectors.add_rows(over, leaving, state.column(buffer, state.AT.lead, deck), book.lead_layers)
-        partial = state.column(buffer, state.AT.partial, deck)
+        vectors.add_rows(over, leaving, state.lead(buffer, deck), book.lead_layers)
+        partial = state.partial(buffer, deck)
         hold_up[deck] = width * bed_load(partial, book.partial_layers)

@@ -6,7 +6,7 @@ changed and that the record `refusal` says what was wrong. Python enters by kern
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import outputs, state
-from vibroscreen.kernels.bed import cascade, classes, travel
+from vibroscreen.kernels.bed import cascade, classes, falls, travel
 from vibroscreen.kernels.bed.deck import clear_deck
 from vibroscreen.kernels.changes import prepare
 from vibroscreen.kernels.ledger import balance_error, book_masses, count_held
@@ -20,8 +20,8 @@ FILLING = 1.01
 @kernel
 def steady_step(buffer, duration):
     """A step in a steady scene: all rates are known, only the sums grow."""
-    rate = state.streams(buffer, state.AT.steady_rate)
-    vectors.multiple(state.streams(buffer, state.AT.class_mass), duration, rate)
+    for row in range(state.OVER + state.extent(buffer).decks):
+        vectors.multiple(state.class_mass(buffer, row), duration, state.steady_rate(buffer, row))
     book_masses(buffer)
     outputs.write_sums(buffer)
     state.outputs(buffer).balance_error = balance_error(buffer)
@@ -31,10 +31,8 @@ def steady_step(buffer, duration):
 @kernel
 def move(buffer, duration):
     """Advance the decks; the masses of the step lie in step_mass and class_mass after it."""
-    decks, nodes = state.extent(buffer).decks, state.extent(buffer).nodes
-    vectors.fill(state.vector(buffer, state.AT.step_mass, 2 * decks * nodes, 0), 0.0)
-    for deck in range(decks):
-        state.book(buffer, deck).capacity_alarm = 0.0
+    for deck in range(state.extent(buffer).decks):
+        falls.clear_streams(buffer, deck)
     cascade.advance_decks(buffer, duration)
     sum_streams(buffer, duration)
 
@@ -44,14 +42,14 @@ def sum_streams(buffer, duration):
     """Sum the masses of the step over the classes: what was fed, the undersize, each oversize."""
     decks = state.extent(buffer).decks
     rate = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
-    fed = state.class_vector(buffer, state.AT.class_mass, state.FED)
-    classes.sum_nodes(buffer, state.node_vector(buffer, state.AT.feed_fraction, 0), fed)
+    fed = state.class_mass(buffer, state.FED)
+    classes.sum_nodes(buffer, state.feed_fraction(buffer), fed)
     vectors.multiple(fed, rate * duration, fed)
-    # What passes the lowest deck, and what leaves over each.
-    for row in range(decks + 1):
-        mass = state.node_vector(buffer, state.AT.step_mass, decks - 1 + row)
-        stream = state.class_vector(buffer, state.AT.class_mass, state.UNDER + row)
-        classes.sum_nodes(buffer, mass, stream)
+    under = state.class_mass(buffer, state.UNDER)
+    classes.sum_nodes(buffer, falls.undersize(buffer, decks - 1), under)
+    for deck in range(decks):
+        over = state.class_mass(buffer, state.OVER + deck)
+        classes.sum_nodes(buffer, falls.oversize(buffer, deck), over)
 
 
 @kernel
@@ -60,7 +58,7 @@ def at_rest(buffer):
     alive = max(0.0, state.inputs(buffer).feed_mass_flow_rate)
     for deck in range(state.extent(buffer).decks):
         for number in range(travel.panel_count(buffer, deck)):
-            scene = state.scene(buffer, state.AT.scene, deck, number)
+            scene = state.scene(buffer, deck, number)
             alive += scene.passage_velocity + scene.segregation_velocity
             alive += scene.mixing + scene.transport_velocity
     return alive == 0.0
@@ -84,11 +82,11 @@ def advance(buffer, duration):
     count_held(buffer)
     outputs.write_streams(buffer, duration)
     outputs.write_sums(buffer)
-    outputs.write_state(buffer, outputs.held_in_total(buffer))
+    outputs.write_state(buffer, vectors.total(state.held(buffer)))
     if settled and steady_scene:
         memory.settled = 1.0
-        rate = state.streams(buffer, state.AT.steady_rate)
-        vectors.ratio(rate, state.streams(buffer, state.AT.class_mass), duration)
+        for row in range(state.OVER + state.extent(buffer).decks):
+            vectors.ratio(state.steady_rate(buffer, row), state.class_mass(buffer, row), duration)
     return state.ACCEPTED
 
 
@@ -101,12 +99,12 @@ def initialise(buffer):
     code = prepare(buffer, True)
     if code != state.ACCEPTED:
         return code
-    fraction = state.class_vector(buffer, state.AT.fraction, 0)
-    for at in (state.AT.undersize_fraction, state.AT.oversize_fraction):
-        vectors.copy(state.class_vector(buffer, at, 0), fraction)
+    fraction = state.fraction(buffer)
+    vectors.copy(state.undersize_fraction(buffer), fraction)
+    vectors.copy(state.oversize_fraction(buffer), fraction)
     filling = travel.residence_time(buffer, 0)
     for deck in range(1, decks):
-        between = state.class_vector(buffer, state.AT.intermediate_fraction, deck - 1)
+        between = state.intermediate_fraction(buffer, deck - 1)
         vectors.copy(between, fraction)
         filling += travel.residence_time(buffer, deck)
     full = state.parameters(buffer).bed_initial == STEADY_START and travel.conveys(buffer, 0)
@@ -115,8 +113,8 @@ def initialise(buffer):
         move(buffer, 1.0)
     count_held(buffer)
     if full:
-        held = state.class_vector(buffer, state.AT.held, 0)
-        vectors.copy(state.class_vector(buffer, state.AT.initial_mass, 0), held)
+        held = state.held(buffer)
+        vectors.copy(state.initial_mass(buffer), held)
         outputs.write_streams(buffer, 1.0)
-    outputs.write_state(buffer, outputs.held_in_total(buffer))
+    outputs.write_state(buffer, vectors.total(state.held(buffer)))
     return state.ACCEPTED

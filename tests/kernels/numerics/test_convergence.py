@@ -38,7 +38,7 @@ def march_explicit(buffer, layers, h, steps, scheme):
 
     scheme: PAIR or the number of stages of the chain.
     """
-    scene_ = state.scene(buffer, state.AT.scene, 0, 0)
+    scene_ = state.scene(buffer, 0, 0)
     for _ in range(steps):
         rates.column_rates(buffer, scene_, blocks.NOW, layers, blocks.K1, 0.0)
         if scheme == explicit.PAIR:
@@ -51,7 +51,7 @@ def march_explicit(buffer, layers, h, steps, scheme):
 @compiled
 def march_implicit(buffer, layers, h, steps):
     """The same of the implicit scheme, extrapolated to order 3."""
-    scene_ = state.scene(buffer, state.AT.scene, 0, 0)
+    scene_ = state.scene(buffer, 0, 0)
     for _ in range(steps):
         for k in range(3):
             implicit.run_trial(buffer, scene_, k, layers, layers, h, 0.0)

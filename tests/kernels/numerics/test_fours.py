@@ -130,7 +130,7 @@ def test_sizes_that_take_part_are_padded(classes: int, coarse: bool) -> None:
     load, scene = layout.view(buffer, "lead")[0], layout.record(buffer, "scene")[0, 0]
     layers = int(np.count_nonzero(load.sum(axis=1)))
     column.gather(buffer, scene, load, layout.view(buffer, "lead_feed")[0], layers)
-    active = layout.record(buffer, "column_work").active
+    active = layout.record(buffer, "work").active
     place = layout.view(buffer, "place")
     taking_part = int(place.max()) + 1
     assert active == in_fours(taking_part)

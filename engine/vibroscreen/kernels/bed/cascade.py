@@ -8,6 +8,7 @@ from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed import falls, front, package, queue, ride, travel
 from vibroscreen.kernels.bed.deck import advance_top, extend_tail
+from vibroscreen.kernels.numerics import vectors
 
 # Pieces of a communication step of the top deck, for one residence time.
 PIECES = 16
@@ -40,7 +41,7 @@ def piece_of(buffer, left, duration):
         piece = left / max(1, parts)
         until = front.time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
-    if state.scene(buffer, state.AT.scene, 0, 0).passage_velocity == 0.0:
+    if state.scene(buffer, 0, 0).passage_velocity == 0.0:
         return left
     return min(left, max(STILL_PIECE, duration / STILL_PIECES))
 
@@ -116,7 +117,8 @@ def advance_under(buffer, deck, duration, share, moment, whole):
         extend_tail(buffer, deck, duration)
     count = book.packages
     place_packages(buffer, deck, duration)
-    falls.clear_landing(buffer, count)
+    for row in range(count):
+        vectors.fill(state.landing(buffer, row), 0.0)
     falls.lay_records(buffer, deck, count, share, moment)
     falls.lay_cohort(buffer, deck, count, share, whole - moment)
     queue.advance_queue(buffer, deck, duration)
@@ -127,7 +129,7 @@ def advance_under(buffer, deck, duration, share, moment, whole):
 @kernel
 def place_packages(buffer, deck, duration):
     """Where the packages of a deck are in the middle of a step, m, within the deck."""
-    start, stop = falls.landing_places(buffer)
+    start, stop = state.landing_start(buffer), state.landing_stop(buffer)
     length = travel.deck_length(buffer, deck)
     rear = ride.queue_rear(buffer, deck)
     if travel.conveys(buffer, deck):
@@ -145,8 +147,7 @@ def pay_rest(buffer, deck):
 
     A debt that the oversize cannot bear stays until something falls on packages again.
     """
-    carry = state.node_vector(buffer, state.AT.carry, deck)
-    oversize = falls.oversize(buffer, deck)
+    carry, oversize = state.carry(buffer, deck), falls.oversize(buffer, deck)
     for i in range(carry.size):
         paid = max(carry[i], -oversize[i])
         oversize[i] += paid

@@ -5,28 +5,11 @@ sieves is interpolated by the monotone cubic of Fritsch and Carlson with the har
 Brodlie (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300), the interpolant of
 scipy.interpolate.PchipInterpolator. Its derivative is the density of mass over size inside a class.
 
-How many nodes a piece of a class needs for an error below the tolerance (`piece_nodes`): the
-recovery of a grain at the distance s = 1 - d/a from the aperture is about 1 - exp(-K s^2), and the
-density is a quadratic, at worst 3 (1 - 2x)^2 with x = 0..1 in the class. Largest error of
-Gauss-Legendre over all such densities and all K up to 50, near end of the piece at s,
-width h a (by 40 nodes), beside the estimate `quadrature_error`:
-
-      s    h    1 node            2 nodes           4 nodes           6 nodes
-    0.0  0.1   1.4e-1 (2e-1)     2.1e-2 (3e-2)     1.5e-6 (5e-6)     2.0e-11 (2e-10)
-    0.0  0.3   4.0e-1 (5e-1)     5.1e-2 (2e-1)     1.4e-3 (2e-3)     1.6e-6  (5e-6)
-    0.0  0.5   5.0e-1 (8e-1)     1.1e-1 (3e-1)     3.9e-3 (1e-2)     1.6e-4  (2e-4)
-    0.0  1.0   5.0e-1 (2e+0)     2.2e-1 (4e-1)     3.7e-2 (4e-2)     4.0e-3  (4e-3)
-    0.3  0.1   5.6e-2 (6e-2)     4.5e-3 (5e-3)     2.0e-7 (5e-7)     8.2e-12 (3e-11)
-    0.3  0.7   2.5e-1 (4e-1)     5.7e-2 (9e-2)     7.5e-4 (2e-3)     1.4e-5  (1e-4)
-    0.7  0.1   2.5e-2 (3e-2)     9.8e-4 (1e-3)     2.8e-9 (4e-9)     1.9e-14 (2e-14)
-    0.7  0.3   7.0e-2 (8e-2)     6.8e-3 (8e-3)     9.6e-7 (2e-6)     2.0e-10 (8e-10)
-    0.9  0.1   2.0e-2 (2e-2)     6.1e-4 (6e-4)     6.8e-10 (9e-10)
-
-One node leaves the centroid of a class free, so it is good only for narrow classes at loose
-tolerances.
+How many nodes a piece of a class needs is estimated (`quadrature_error`); docs/measured.md says how
+well. One node leaves the centroid of a class free: only for narrow classes at loose tolerances.
 """
 
-from math import sqrt
+from math import pi, sqrt
 
 from vibroscreen.compiler.elementary import cos, exp, raised
 from vibroscreen.compiler.language import kernel, record
@@ -53,7 +36,6 @@ THIN_VELOCITY = 0.3  # m/s, not known before the displacement is solved
 #     sorted       0.1 (w/n)^2 the median, 1 (w/n)^2 the worst
 GAP_KINK, CLOSED_KINK, LEAST_KINK_VELOCITY = 50.0, 20.0, 0.1
 SORTED_KINK = 0.1
-_PI = 3.141592653589793
 
 
 @kernel
@@ -115,14 +97,12 @@ def _kink_nodes(low, high, edge, aperture, parameter, strength):
     finest and of the coarsest class at the configured dilation; a piece among them is treated as
     one that ends at the gap. Models of one's own are taken for smooth.
     """
-    model = parameter.segregation_model
-    tolerance = parameter.solver_tolerance
+    model, tolerance = parameter.segregation_model, parameter.solver_tolerance
     least, coefficient, power = 1, 0.0, 1.0
     scale = aperture
     if model == segregation.EXCHANGE:
         tolerance *= NODE_SHARE
-        dilation = parameter.segregation_dilation
-        relative = parameter.segregation_relative_dilation
+        dilation, relative = parameter.segregation_dilation, parameter.segregation_relative_dilation
         finest = packing.gap_of(0.5 * (edge[0] + edge[1]), dilation, relative)
         coarsest = packing.gap_of(edge[edge.size - 1], dilation, relative)
         if low >= coarsest:
@@ -184,7 +164,7 @@ def set_strength(parameter, aperture, exposure, reach, strength):
 @kernel
 def _legendre(nodes, k):
     """Abscissa k of Gauss-Legendre in -1..1 and its weight, by Newton's method."""
-    x = -cos(_PI * (k + 0.75) / (nodes + 0.5))
+    x = -cos(pi * (k + 0.75) / (nodes + 0.5))
     slope = 1.0
     for _ in range(6):
         before, value = 1.0, x
@@ -266,8 +246,7 @@ def cumulative_slopes(edge, fraction, slope):
             slope[k] = (near + far) / (near / density + far / next_density)
         else:
             slope[k] = 0.0
-        width = next_width
-        density = next_density
+        width, density = next_width, next_density
 
 
 @kernel
@@ -285,8 +264,7 @@ def split_classes(edge, fraction, node_class, position, weight, slope, node_frac
         k = int(node_class[first])
         width = edge[k + 1] - edge[k]
         rise, fall = slope[k] * width, slope[k + 1] * width
-        total = 0.0
-        end = first
+        total, end = 0.0, first
         while end < node_class.size and int(node_class[end]) == k:
             x = position[end]
             y = 1.0 - x
@@ -316,4 +294,4 @@ def merge_classes(node_value, node_class, class_value):
 @kernel
 def sum_nodes(buffer, node_value, class_value):
     """`merge_classes` over the classes of the screen."""
-    merge_classes(node_value, state.node_vector(buffer, state.AT.node_class, 0), class_value)
+    merge_classes(node_value, state.node_class(buffer), class_value)

@@ -28,17 +28,15 @@ def keep_leader(buffer, deck):
     """
     if not goes_on_as_one(buffer, deck):
         return 0.0
-    book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck, 0, 0.0)
-    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    vectors.copy(package.reference_of(buffer, deck, index), fed)
-    vectors.copy(passed, state.node_vector(buffer, state.AT.lead_passed, deck))
-    lead = state.column(buffer, state.AT.lead, deck)
-    vectors.copy_rows(package.column_of(buffer, deck, index), lead, book.lead_layers)
-    state.package_vector(buffer, state.AT.layers_used, deck)[index] = book.lead_layers
+    book, index = state.book(buffer, deck), package.new_slot(buffer, deck, 0, 0.0)
+    passed, fed = state.passed(buffer, deck, index), state.lead_feed(buffer, deck)
+    vectors.copy(state.reference(buffer, deck, index), fed)
+    vectors.copy(passed, state.lead_passed(buffer, deck))
+    lead = state.lead(buffer, deck)
+    vectors.copy_rows(state.load(buffer, deck, index), lead, book.lead_layers)
+    state.layers_used(buffer, deck)[index] = book.lead_layers
     velocity = travel.panel_velocity(buffer, deck, 0)
-    state.package_vector(buffer, state.AT.entry_velocity, deck)[index] = velocity
+    state.entry_velocity(buffer, deck)[index] = velocity
     book.leaders += 1
     return index + 1.0
 
@@ -63,16 +61,16 @@ def follow_cohort(buffer, deck, place, rear, duration):
     least as long as the cohort took to come in; else, and where its front leaves the deck, it is
     parted. Returns the place behind it, or 0.
     """
-    length, end = package.lengths(buffer, deck), package.cohort_end(buffer, deck, place)
+    length, end = state.length(buffer, deck), package.cohort_end(buffer, deck, place)
     index = int(package.leader_at(buffer, deck, place)) - 1
-    entry = state.package_vector(buffer, state.AT.entry_velocity, deck)[index]
+    entry = state.entry_velocity(buffer, deck)[index]
     span = 0.0
     for k in range(place, end):
         span += length[package.slot_at(buffer, deck, k)] / entry
     if not stays_together(buffer, deck, place, rear, duration, span):
         package.part_cohort(buffer, deck, place)
         return 0
-    ends, slots = parts.wanted(buffer)
+    ends, slots = state.part_end(buffer), state.part_slot(buffer)
     start = max(0.0, duration - span)
     age = start
     count = end - place
@@ -86,15 +84,15 @@ def follow_cohort(buffer, deck, place, rear, duration):
     ride.integrate_package(buffer, deck, index, duration)
     parts.begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
-    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
+    passed = state.passed(buffer, deck, index)
     begin = start
     for part in range(count):
-        mean = state.node_vector(buffer, state.AT.part_passed, part)
+        mean = state.part_passed(buffer, part)
         scale = 1.0 / (ends[part] - begin) if ends[part] > begin else 0.0
         for i in range(passed.size):
             mean[i] = passed[i] + scale * mean[i]
         begin = ends[part]
-    vectors.add(passed, 1.0, state.node_vector(buffer, state.AT.column_flux, 0))
+    vectors.add(passed, 1.0, state.column_flux(buffer, 0))
     state.counters(buffer).cohorts_followed += 1.0
     return end
 
@@ -102,10 +100,10 @@ def follow_cohort(buffer, deck, place, rear, duration):
 @kernel
 def empty_part(buffer, deck, index, part):
     """Make a part of a cohort ready to take the mean over its new ages; what it held is kept."""
-    load, layers = package.column_of(buffer, deck, index), package.layers_of(buffer, deck, index)
-    before = state.node_vector(buffer, state.AT.part_before, part)
+    load, layers = state.load(buffer, deck, index), package.layers_of(buffer, deck, index)
+    before = state.part_before(buffer, part)
     vectors.fill(before, 0.0)
-    vectors.fill(state.node_vector(buffer, state.AT.part_passed, part), 0.0)
+    vectors.fill(state.part_passed(buffer, part), 0.0)
     vectors.add_rows(before, 1.0, load, layers)
     vectors.clear_rows(load, 0, layers)
 
@@ -117,11 +115,9 @@ def take_part(buffer, deck, index, row, part):
     That is the growth of the mean of what passed, so what is held is what was, less this: the mean
     loads say only how it lies.
     """
-    load = package.column_of(buffer, deck, index)
-    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
-    before = state.node_vector(buffer, state.AT.part_before, part)
-    mean = state.node_vector(buffer, state.AT.part_passed, part)
-    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
+    before, mean = state.part_before(buffer, part), state.part_passed(buffer, part)
+    flux = state.column_flux(buffer, 0)
     rows = max(package.layers_of(buffer, deck, index), state.book(buffer, deck).rows)
     for i in range(passed.size):
         held = 0.0

@@ -12,7 +12,7 @@ def clear_deck(buffer, deck):
     book = state.book(buffer, deck)
     vectors.fill(numbers(book), 0.0)
     book.share = 1.0 if deck == 0 else front.SHARE_BELOW
-    free = state.package_vector(buffer, state.AT.free, deck)
+    free = state.free(buffer, deck)
     for index in range(free.size):
         free[index] = free.size - 1 - index
     cells = travel.cell_count(buffer, deck)
@@ -29,13 +29,12 @@ def advance_top(buffer, duration):
 
     That is less than `duration` where a pile has moved on to the deck.
     """
-    book = state.book(buffer, 0)
-    scene = state.scene(buffer, state.AT.scene, 0, 0)
+    book, scene = state.book(buffer, 0), state.scene(buffer, 0, 0)
     velocity = travel.panel_velocity(buffer, 0, 0)
     rate = book.cohort_fed
     deepest = front.PILE_DEPTH * travel.deck_length(buffer, 0) * scene.density
     slow = velocity == 0.0 or travel.residence_time(buffer, 0) > front.PILE_TIME
-    heavy = slow and rate > 0.0 and rate >= travel.deck_width(buffer, 0) * velocity * deepest
+    heavy = slow and rate > 0.0 and rate >= state.width(buffer)[0] * velocity * deepest
     if heavy and book.pile_open == 0.0:
         front.open_pile(buffer, 0)
     piling = book.pile_open > 0.0
@@ -53,7 +52,7 @@ def advance_top(buffer, duration):
 @kernel
 def extend_tail(buffer, deck, duration):
     """Let an empty stretch come in at the feed end of a lower deck, up to a cell long a package."""
-    length = package.lengths(buffer, deck)
+    length = state.length(buffer, deck)
     fresh = travel.panel_velocity(buffer, deck, 0) * duration
     count = state.book(buffer, deck).packages
     if count > 0:
@@ -61,8 +60,7 @@ def extend_tail(buffer, deck, duration):
         whole = length[tail] + fresh
         longest = travel.cell_length(buffer, deck, 0) * package.JOIN
         if package.panel_of(buffer, deck, tail) == 0 and whole <= longest:
-            load = package.column_of(buffer, deck, tail)
-            reference = package.reference_of(buffer, deck, tail)
+            load, reference = state.load(buffer, deck, tail), state.reference(buffer, deck, tail)
             layers = package.layers_of(buffer, deck, tail)
             part = length[tail] / whole
             for i in range(reference.size):

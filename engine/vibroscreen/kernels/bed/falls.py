@@ -10,39 +10,35 @@ from vibroscreen.kernels.numerics import vectors
 @kernel
 def undersize(buffer, deck):
     """What passed a deck in the step, by node, kg."""
-    return state.node_vector(buffer, state.AT.step_mass, deck)
+    return state.step_mass(buffer, 0, deck)
 
 
 @kernel
 def oversize(buffer, deck):
     """What left over the end of a deck in the step, by node, kg."""
-    return state.node_vector(buffer, state.AT.step_mass, state.extent(buffer).decks + deck)
+    return state.step_mass(buffer, 1, deck)
 
 
 @kernel
-def fall_vector(buffer, deck, row):
-    """What fell from a package of a deck, by node, kg."""
-    return state.node_vector(buffer, state.AT.fall, deck * state.extent(buffer).falls + row)
-
-
-@kernel
-def fall_cohort(buffer, deck):
-    """What fell from the cohort of a deck, by node, kg."""
-    return state.node_vector(buffer, state.AT.fall_cohort, deck)
+def clear_streams(buffer, deck):
+    """Begin a step of a deck: nothing has left it."""
+    vectors.fill(undersize(buffer, deck), 0.0)
+    vectors.fill(oversize(buffer, deck), 0.0)
+    state.book(buffer, deck).capacity_alarm = 0.0
 
 
 @kernel
 def clear_falls(buffer, deck):
     """Forget what fell from a deck; what falls from now on is steady if the deck is."""
-    count = state.vector(buffer, state.AT.fall_count, 4, deck)
+    count = state.fall_count(buffer, deck)
     count[0], count[1] = 0.0, state.book(buffer, deck).covered
-    vectors.fill(fall_cohort(buffer, deck), 0.0)
+    vectors.fill(state.fall_cohort(buffer, deck), 0.0)
 
 
 @kernel
 def fell_steadily(buffer, deck):
     """Whether the deck was steady when what fell from it began to fall."""
-    return state.vector(buffer, state.AT.fall_count, 4, deck)[1] == 1.0
+    return state.fall_count(buffer, deck)[1] == 1.0
 
 
 @kernel
@@ -50,34 +46,16 @@ def fall_row(buffer, deck, row, start, stop):
     """Begin to record what falls from a package, from its rear and front (riding times, s)."""
     if deck + 1 == state.extent(buffer).decks:
         return
-    rows = state.extent(buffer).falls
-    state.vector(buffer, state.AT.fall_start, rows, deck)[row] = start
-    state.vector(buffer, state.AT.fall_stop, rows, deck)[row] = stop
-    vectors.fill(fall_vector(buffer, deck, row), 0.0)
-
-
-@kernel
-def landing_places(buffer):
-    """Where the packages of a deck start and stop, m."""
-    rows = state.extent(buffer).falls
-    start = state.vector(buffer, state.AT.landing_start, rows, 0)
-    return start, state.vector(buffer, state.AT.landing_stop, rows, 0)
-
-
-@kernel
-def clear_landing(buffer, count):
-    for row in range(count):
-        vectors.fill(state.node_vector(buffer, state.AT.landing, row), 0.0)
+    state.fall_start(buffer, deck)[row] = start
+    state.fall_stop(buffer, deck)[row] = stop
+    vectors.fill(state.fall(buffer, deck, row), 0.0)
 
 
 @kernel
 def fall_stretch(buffer, above, row, ridden):
     """From where to where, m, a record of the deck above falls after it rode on for so many s."""
-    rows = state.extent(buffer).falls
-    start = state.vector(buffer, state.AT.fall_start, rows, above)[row]
-    stop = state.vector(buffer, state.AT.fall_stop, rows, above)[row]
-    low = travel.place_after(buffer, above, start + ridden)
-    high = travel.place_after(buffer, above, stop + ridden)
+    low = travel.place_after(buffer, above, state.fall_start(buffer, above)[row] + ridden)
+    high = travel.place_after(buffer, above, state.fall_stop(buffer, above)[row] + ridden)
     length = travel.deck_length(buffer, above + 1)
     low, high = max(0.0, min(low, length)), max(0.0, min(high, length))
     if high <= low:
@@ -96,11 +74,11 @@ def lay_records(buffer, deck, count, share, moment):
     package is under goes to the nearest one.
     """
     above = deck - 1
-    here, there = landing_places(buffer)
+    here, there = state.landing_start(buffer), state.landing_stop(buffer)
     ridden = moment if travel.conveys(buffer, above) else 0.0
-    for row in range(int(state.vector(buffer, state.AT.fall_count, 4, above)[0])):
+    for row in range(int(state.fall_count(buffer, above)[0])):
         low, high = fall_stretch(buffer, above, row, ridden)
-        fallen = fall_vector(buffer, above, row)
+        fallen = state.fall(buffer, above, row)
         left = 1.0
         nearest, gap = -1, 1e300
         for package in range(count):
@@ -113,11 +91,9 @@ def lay_records(buffer, deck, count, share, moment):
             if overlap > 0.0:
                 part = min(overlap, left)
                 left -= part
-                landing = state.node_vector(buffer, state.AT.landing, package)
-                vectors.add(landing, part * share, fallen)
+                vectors.add(state.landing(buffer, package), part * share, fallen)
         if left > 0.0 and nearest >= 0:
-            landing = state.node_vector(buffer, state.AT.landing, nearest)
-            vectors.add(landing, left * share, fallen)
+            vectors.add(state.landing(buffer, nearest), left * share, fallen)
 
 
 @kernel
@@ -126,8 +102,7 @@ def take_due(buffer, deck, share, lies, due):
 
     What cannot be laid stays in `carry`, with its sign; `lies`: whether any package is there.
     """
-    fallen = fall_cohort(buffer, deck - 1)
-    carry = state.node_vector(buffer, state.AT.carry, deck)
+    fallen, carry = state.fall_cohort(buffer, deck - 1), state.carry(buffer, deck)
     for i in range(due.size):
         due[i] = share * fallen[i] + carry[i]
         carry[i] = 0.0
@@ -144,11 +119,9 @@ def lay_cohort(buffer, deck, count, share, moment):
     with its sign, what the deck's own cohort has taken of it.
     """
     above = deck - 1
-    here, there = landing_places(buffer)
-    due = state.node_vector(buffer, state.AT.node_work, 0)
-    low = state.node_vector(buffer, state.AT.node_work, 1)
-    high = state.node_vector(buffer, state.AT.node_work, 2)
-    whole = state.node_vector(buffer, state.AT.node_work, 3)
+    here, there = state.landing_start(buffer), state.landing_stop(buffer)
+    due, low = state.spare(buffer, 0), state.spare(buffer, 1)
+    high, whole = state.spare(buffer, 2), state.spare(buffer, 3)
     last = -1
     for package in range(count):
         if there[package] > here[package]:
@@ -167,11 +140,11 @@ def lay_cohort(buffer, deck, count, share, moment):
         if there[package] <= here[package] or here[package] >= front:
             continue
         passed_up_to(buffer, above, min(front, there[package]), high)
-        landing = state.node_vector(buffer, state.AT.landing, package)
+        landing = state.landing(buffer, package)
         for i in range(due.size):
             rest = whole[i] - low[i]
             part = due[i] * min(1.0, max(0.0, high[i] - low[i]) / rest) if rest > 0.0 else 0.0
             landing[i] += part
             due[i] -= part
             low[i] = max(low[i], high[i])
-    vectors.add(state.node_vector(buffer, state.AT.landing, last), 1.0, due)
+    vectors.add(state.landing(buffer, last), 1.0, due)

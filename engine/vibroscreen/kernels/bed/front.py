@@ -31,15 +31,13 @@ def open_pile(buffer, deck):
 @kernel
 def feed_pile(buffer, deck, index, duration):
     """Set the feed as a source on top of the pile, kg/(m2 s)."""
-    source = state.node_vector(buffer, state.AT.source, 0)
-    reference = package.reference_of(buffer, deck, index)
-    area = package.area_of(buffer, deck, index)
-    rate = state.book(buffer, deck).cohort_fed
-    fraction = state.node_vector(buffer, state.AT.feed_fraction, 0)
+    source, reference = state.source(buffer), state.reference(buffer, deck, index)
+    area, rate = package.area_of(buffer, deck, index), state.book(buffer, deck).cohort_fed
+    fraction = state.feed_fraction(buffer)
     state.work(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
-    for i in range(source.size):
-        source[i] = rate * fraction[i] / area
-        reference[i] += source[i] * duration
+    for i in range(fraction.size):
+        source[0, i] = rate * fraction[i] / area
+        reference[i] += source[0, i] * duration
 
 
 @kernel
@@ -48,11 +46,11 @@ def start_cohort(buffer, deck, rate):
 
     On a lower deck they enter empty; what was fed to the screen is only their measure of errors.
     """
-    book, partial = state.book(buffer, deck), state.column(buffer, state.AT.partial, deck)
+    book, partial = state.book(buffer, deck), state.partial(buffer, deck)
     velocity = travel.panel_velocity(buffer, deck, 0)
-    load = rate / (travel.deck_width(buffer, deck) * velocity) if velocity > 0.0 else 0.0
+    load = rate / (state.width(buffer)[deck] * velocity) if velocity > 0.0 else 0.0
     vectors.clear_rows(partial, 0, partial.shape[0])
-    vectors.fill(state.node_vector(buffer, state.AT.partial_passed, deck), 0.0)
+    vectors.fill(state.partial_passed(buffer, deck), 0.0)
     book.share = 1.0 if deck == 0 else SHARE_BELOW
     book.cohort_on, book.cohort_fed = 1.0, rate
     book.cohort_front, book.covered = 0.0, 0.0
@@ -64,14 +62,13 @@ def start_cohort(buffer, deck, rate):
 @kernel
 def lay_lead(buffer, deck, load):
     """Begin a leading slice of `load` kg/m2 of the feed's composition, on a lower deck empty."""
-    book, scene = state.book(buffer, deck), state.scene(buffer, state.AT.scene, deck, 0)
-    lead = state.column(buffer, state.AT.lead, deck)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    book, scene = state.book(buffer, deck), state.scene(buffer, deck, 0)
+    lead, fed = state.lead(buffer, deck), state.lead_feed(buffer, deck)
     vectors.clear_rows(lead, 0, lead.shape[0])
-    vectors.fill(state.node_vector(buffer, state.AT.lead_passed, deck), 0.0)
-    vectors.multiple(fed, load, state.node_vector(buffer, state.AT.feed_fraction, 0))
+    vectors.fill(state.lead_passed(buffer, deck), 0.0)
+    vectors.multiple(fed, load, state.feed_fraction(buffer))
     if deck == 0:
-        vectors.copy(state.node_vector(buffer, state.AT.lead, 0), fed)
+        vectors.copy(state.vector(buffer, state.AT.lead, fed.size, 0), fed)
     book.step, book.pace, book.wide = 0.0, 0.0, 0.0
     book.lead_layers = restack(buffer, scene, lead, 1)
 
@@ -80,16 +77,15 @@ def lay_lead(buffer, deck, load):
 def join_queue(buffer, deck):
     """The cohort's cells join the queue as packages of their own; the cohort is empty after it."""
     book = state.book(buffer, deck)
-    before = book.packages
-    leading = 0.0
+    before, leading = book.packages, 0.0
     if book.cohort_on > 0.0 and book.cohort_front > 0.0:
         leading = cohorts.keep_leader(buffer, deck)
         append_piece(buffer, deck)
-    cell = state.package_vector(buffer, state.AT.cell, deck)
+    cell = state.cell(buffer, deck)
     while book.cells > 0.0:
         book.cells -= 1
         package.join_back(buffer, deck, cell[book.cells])
-    leader = state.package_vector(buffer, state.AT.leader, deck)
+    leader = state.leader(buffer, deck)
     for place in range(before, book.packages):
         leader[package.slot_at(buffer, deck, place)] = leading
     book.cohort_on, book.cohort_front, book.covered = 0.0, 0.0, 0.0
@@ -100,8 +96,7 @@ def join_queue(buffer, deck):
 @kernel
 def append_piece(buffer, deck):
     book = state.book(buffer, deck)
-    span = book.cohort_front
-    panel = 0
+    span, panel = book.cohort_front, 0
     if package.in_cells(buffer, deck):
         if book.covered > 0.0:
             return
@@ -126,7 +121,7 @@ def append_piece(buffer, deck):
 @kernel
 def join_neighbours(buffer, deck, place):
     """Merge the packages at `place` and behind it if they are short and alike, or both empty."""
-    length = package.lengths(buffer, deck)
+    length = state.length(buffer, deck)
     one, two = package.slot_at(buffer, deck, place), package.slot_at(buffer, deck, place + 1)
     panel = package.panel_of(buffer, deck, one)
     for k in range(place, place + 2):
@@ -156,9 +151,8 @@ def integrate_lead(buffer, deck, place, duration):
     What passes is recorded for the deck below.
     """
     work, book = state.work(buffer), state.book(buffer, deck)
-    scene = state.scene(buffer, state.AT.scene, deck, book.lead_panel)
-    lead = state.column(buffer, state.AT.lead, deck)
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
+    scene, lead = state.scene(buffer, deck, book.lead_panel), state.lead(buffer, deck)
+    fed = state.lead_feed(buffer, deck)
     layers = book.lead_layers
     work.recorded = deck + 1.0 if deck + 1 < state.extent(buffer).decks else 0.0
     work.recorded_from = place
@@ -199,14 +193,12 @@ def book_lead(buffer, deck, step):
     book = state.book(buffer, deck)
     velocity, first = on_first_panel(buffer, deck)
     on_first = velocity / first if first > 0.0 else 1.0
-    width, rows = travel.deck_width(buffer, deck), book.rows
-    partial = state.column(buffer, state.AT.partial, deck)
-    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    time = state.column(buffer, state.AT.column_time, 0)
-    undersize, fallen = falls.undersize(buffer, deck), falls.fall_cohort(buffer, deck)
-    carry = state.node_vector(buffer, state.AT.carry, deck)
+    width, rows = state.width(buffer)[deck], book.rows
+    partial, before_passed = state.partial(buffer, deck), state.lead_passed(buffer, deck)
+    passed, passed_time = state.column_flux(buffer, 0), state.column_flux(buffer, 1)
+    time = state.column_time(buffer)
+    undersize, fallen = falls.undersize(buffer, deck), state.fall_cohort(buffer, deck)
+    carry = state.carry(buffer, deck)
     below = deck + 1 < state.extent(buffer).decks
     for i in range(passed.size):
         mass = width * (first * before_passed[i] * step + velocity * passed_time[i])
@@ -230,20 +222,19 @@ def cross_lead(buffer, deck):
     panel = book.lead_panel
     velocity = travel.panel_velocity(buffer, deck, panel)
     stretch = travel.panel_velocity(buffer, deck, panel + 1) / velocity
-    lead = state.column(buffer, state.AT.lead, deck)
+    lead = state.lead(buffer, deck)
     layers = book.lead_layers
-    vectors.divide(state.node_vector(buffer, state.AT.lead_feed, deck), lead, layers, stretch)
+    vectors.divide(state.lead_feed(buffer, deck), lead, layers, stretch)
     book.lead_panel = panel + 1.0
-    scene = state.scene(buffer, state.AT.scene, deck, panel + 1)
+    scene = state.scene(buffer, deck, panel + 1)
     book.lead_layers = restack(buffer, scene, lead, layers)
 
 
 # --- cells ---------------------------------------------------------------------------------------
 @kernel
 def new_cell(buffer, deck, panel):
-    book = state.book(buffer, deck)
-    index = package.new_slot(buffer, deck, panel, 0.0)
-    state.package_vector(buffer, state.AT.cell, deck)[book.cells] = index
+    book, index = state.book(buffer, deck), package.new_slot(buffer, deck, panel, 0.0)
+    state.cell(buffer, deck)[book.cells] = index
     book.cells += 1
     return index
 
@@ -256,7 +247,7 @@ def cells_ahead(buffer, deck, duration):
     it takes, s, and whether the last one is finished.
     """
     book = state.book(buffer, deck)
-    ends, slots = parts.wanted(buffer)
+    ends, slots = state.part_end(buffer), state.part_slot(buffer)
     count, taken, finished = 0, 0.0, True
     while finished and taken < duration and book.cells < travel.cell_count(buffer, deck):
         if travel.cell_panel(buffer, deck, book.cells) != book.lead_panel:
@@ -266,7 +257,7 @@ def cells_ahead(buffer, deck, duration):
         finished = until <= duration or book.cohort_front + duration >= target
         taken = max(taken, min(until, duration))
         index = new_cell(buffer, deck, book.lead_panel)
-        vectors.fill(state.node_vector(buffer, state.AT.part_passed, count), 0.0)
+        vectors.fill(state.part_passed(buffer, count), 0.0)
         ends[count], slots[count] = taken, state.slot(buffer, deck, index)
         count += 1
     parts.begin_parts(buffer, count, 0.0)
@@ -294,8 +285,8 @@ def advance_over_cells(buffer, deck, duration):
         if done < last:
             end_cell(buffer, deck, done)
     velocity, first = on_first_panel(buffer, deck)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    vectors.add(state.node_vector(buffer, state.AT.lead_passed, deck), velocity / first, passed)
+    passed = state.column_flux(buffer, 0)
+    vectors.add(state.lead_passed(buffer, deck), velocity / first, passed)
     if finished:
         book.cohort_front = travel.cell_end(buffer, deck, last)
         end_cell(buffer, deck, last)
@@ -309,17 +300,15 @@ def advance_over_cells(buffer, deck, duration):
 def collect_cell(buffer, deck, cell, part, begin):
     """Book what a part of the slice's way passed and left in a cell; returns when it ended, s."""
     book = state.book(buffer, deck)
-    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
-    end = parts.wanted(buffer)[0][part]
-    load = package.column_of(buffer, deck, index)
-    partial = state.column(buffer, state.AT.partial, deck)
-    time = state.node_vector(buffer, state.AT.part_passed, part)
-    before = state.node_vector(buffer, state.AT.lead_passed, deck)
-    undersize, fallen = falls.undersize(buffer, deck), falls.fall_cohort(buffer, deck)
-    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
+    index = int(state.cell(buffer, deck)[cell])
+    end, load = state.part_end(buffer)[part], state.load(buffer, deck, index)
+    partial, time = state.partial(buffer, deck), state.part_passed(buffer, part)
+    before = state.lead_passed(buffer, deck)
+    undersize, fallen = falls.undersize(buffer, deck), state.fall_cohort(buffer, deck)
+    collected = state.partial_passed(buffer, deck)
     velocity = package.velocity_of(buffer, deck, index)
     first = travel.panel_velocity(buffer, deck, 0)
-    rows, width = book.rows, travel.deck_width(buffer, deck)
+    rows, width = book.rows, state.width(buffer)[deck]
     implicit.carry_debts(time, load, rows)
     for i in range(time.size):
         along = first * before[i] * (end - begin) + velocity * time[i]
@@ -336,14 +325,12 @@ def collect_cell(buffer, deck, cell, part, begin):
 @kernel
 def finish_cell(buffer, deck, index, length):
     """Turn what the cohort's unfinished cell collected (kg/m) into a package of `length` m."""
-    book = state.book(buffer, deck)
-    partial = state.column(buffer, state.AT.partial, deck)
-    load = package.column_of(buffer, deck, index)
-    passed = state.node_vector(buffer, state.AT.passed, state.slot(buffer, deck, index))
-    collected = state.node_vector(buffer, state.AT.partial_passed, deck)
+    book, partial = state.book(buffer, deck), state.partial(buffer, deck)
+    load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
+    collected = state.partial_passed(buffer, deck)
     layers = book.partial_layers
-    fed = state.node_vector(buffer, state.AT.lead_feed, deck)
-    vectors.copy(package.reference_of(buffer, deck, index), fed)
+    fed = state.lead_feed(buffer, deck)
+    vectors.copy(state.reference(buffer, deck, index), fed)
     for i in range(passed.size):
         passed[i] = collected[i] / length
         for j in range(layers):
@@ -351,7 +338,7 @@ def finish_cell(buffer, deck, index, length):
     vectors.fill(collected, 0.0)
     vectors.clear_rows(partial, 0, layers)
     package.settle(buffer, deck, index, layers)
-    package.lengths(buffer, deck)[index] = length
+    state.length(buffer, deck)[index] = length
     book.partial_layers = 1.0
 
 
@@ -359,7 +346,7 @@ def finish_cell(buffer, deck, index, length):
 def end_cell(buffer, deck, cell):
     """Close a cell that the slice has covered; it goes on to the next panel, or covers the deck."""
     panel = travel.cell_panel(buffer, deck, cell)
-    index = int(state.package_vector(buffer, state.AT.cell, deck)[cell])
+    index = int(state.cell(buffer, deck)[cell])
     finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
     if cell + 1 == travel.cell_count(buffer, deck):
         state.book(buffer, deck).covered = 1.0
@@ -383,14 +370,14 @@ def stream_of_covered_deck(buffer, deck, duration):
     if not package.in_cells(buffer, deck):
         return
     last = travel.panel_count(buffer, deck) - 1
-    width = travel.deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     passing = width * travel.panel_velocity(buffer, deck, 0) * duration
     leaving = width * travel.panel_velocity(buffer, deck, last) * duration
     watch_capacity(buffer, deck)
-    passed = state.node_vector(buffer, state.AT.lead_passed, deck)
+    passed = state.lead_passed(buffer, deck)
     vectors.add(falls.undersize(buffer, deck), passing, passed)
-    vectors.add(falls.fall_cohort(buffer, deck), passing, passed)
-    lead = state.column(buffer, state.AT.lead, deck)
+    vectors.add(state.fall_cohort(buffer, deck), passing, passed)
+    lead = state.lead(buffer, deck)
     vectors.add_rows(falls.oversize(buffer, deck), leaving, lead, book.lead_layers)
 
 

@@ -11,20 +11,17 @@ from vibroscreen.kernels.numerics.layers import bed_load
 @kernel
 def held_by_node(buffer, deck, held):
     """Add what lies on a deck to `held[node]`, kg; returns its sum over the sizes."""
-    book = state.book(buffer, deck)
-    queue = state.package_vector(buffer, state.AT.queue, deck)
-    cell = state.package_vector(buffer, state.AT.cell, deck)
-    packages = book.packages
-    total = 0.0
+    book, queue = state.book(buffer, deck), state.queue(buffer, deck)
+    cell = state.cell(buffer, deck)
+    packages, total = book.packages, 0.0
     for place in range(packages + book.cells):
         index = int(queue[place]) if place < packages else int(cell[place - packages])
-        area, load = package.area_of(buffer, deck, index), package.column_of(buffer, deck, index)
+        area, load = package.area_of(buffer, deck, index), state.load(buffer, deck, index)
         layers = package.layers_of(buffer, deck, index)
         total += area * bed_load(load, layers)
         vectors.add_rows(held, area, load, layers)
     if book.covered == 0.0 and book.cohort_on > 0.0:
-        partial = state.column(buffer, state.AT.partial, deck)
-        width = travel.deck_width(buffer, deck)
+        partial, width = state.partial(buffer, deck), state.width(buffer)[deck]
         total += width * bed_load(partial, book.partial_layers)
         vectors.add_rows(held, width, partial, book.partial_layers)
     return total
@@ -33,15 +30,14 @@ def held_by_node(buffer, deck, held):
 @kernel
 def depth_at_feed(buffer, deck):
     """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
-    book = state.book(buffer, deck)
-    density = state.scene(buffer, state.AT.scene, deck, 0).density
+    book, density = state.book(buffer, deck), state.scene(buffer, deck, 0).density
     if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
-        load = book.cohort_fed / travel.deck_width(buffer, deck)
+        load = book.cohort_fed / state.width(buffer)[deck]
         return load / (travel.panel_velocity(buffer, deck, 0) * density)
     if book.first_load > 0.0:
         return book.first_load / density  # of a slice alone
     if book.cells > 0.0:
-        first = int(state.package_vector(buffer, state.AT.cell, deck)[0])
+        first = int(state.cell(buffer, deck)[0])
         return package.load_of(buffer, deck, first) / density
     if book.packages == 0:
         return 0.0
@@ -51,12 +47,11 @@ def depth_at_feed(buffer, deck):
 
 @kernel
 def depth_at_discharge(buffer, deck):
-    book = state.book(buffer, deck)
-    density = state.scene(buffer, state.AT.scene, deck, 0).density
+    book, density = state.book(buffer, deck), state.scene(buffer, deck, 0).density
     if book.covered > 0.0:
         if not package.in_cells(buffer, deck):
             return 0.0
-        return bed_load(state.column(buffer, state.AT.lead, deck), book.lead_layers) / density
+        return bed_load(state.lead(buffer, deck), book.lead_layers) / density
     if book.packages == 0:
         return 0.0
     front = queue_rear(buffer, deck)

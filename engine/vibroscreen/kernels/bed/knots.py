@@ -9,7 +9,7 @@ Two ways, both conservative:
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed.travel import deck_length, deck_width, panel_velocity
+from vibroscreen.kernels.bed.travel import deck_length, panel_velocity
 from vibroscreen.kernels.numerics import vectors
 
 # Two knots nearer than this part of the deck's length are one.
@@ -17,37 +17,23 @@ SAME_PLACE = 1e-12
 
 
 @kernel
-def knot_vector(buffer, at, deck, knot):
-    return state.node_vector(buffer, at, deck * state.extent(buffer).knots + knot)
-
-
-@kernel
-def knot_places(buffer, deck):
-    """Places of the knots of a deck, m."""
-    return state.vector(buffer, state.AT.knot_place, state.extent(buffer).knots, deck)
-
-
-@kernel
 def record_knot(buffer, place):
     """Add a knot of the deck that is recorded, from the rows passed and passing of `record`."""
     deck = state.work(buffer).recorded - 1
-    book = state.book(buffer, deck)
-    places = knot_places(buffer, deck)
+    book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
     count = book.knots
     again = count > 0 and place - places[count - 1] <= SAME_PLACE * deck_length(buffer, deck)
     if not again and count == state.extent(buffer).knots:
         thin_knots(buffer, deck)
         count = book.knots
     knot = count - 1 if again else count
-    width = deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     first = width * panel_velocity(buffer, deck, 0)
     here = width * panel_velocity(buffer, deck, book.lead_panel)
-    before_passed = state.node_vector(buffer, state.AT.lead_passed, deck)
-    passed = state.node_vector(buffer, state.AT.record, 0)
-    passing = state.node_vector(buffer, state.AT.record, 1)
-    total = knot_vector(buffer, state.AT.knot_passed, deck, knot)
-    before = knot_vector(buffer, state.AT.knot_before, deck, knot)
-    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
+    before_passed = state.lead_passed(buffer, deck)
+    passed, passing = state.recorded(buffer, 0), state.recorded(buffer, 1)
+    total = state.knot_passed(buffer, deck, knot)
+    before, after = state.knot_before(buffer, deck, knot), state.knot_after(buffer, deck, knot)
     for i in range(passed.size):
         after[i] = width * passing[i]
         if not again:
@@ -62,8 +48,8 @@ def record_knot(buffer, place):
 
 @kernel
 def record_nothing(buffer, start, stop):
-    for row in range(2):
-        vectors.fill(state.node_vector(buffer, state.AT.record, row), 0.0)
+    vectors.fill(state.recorded(buffer, 0), 0.0)
+    vectors.fill(state.recorded(buffer, 1), 0.0)
     record_knot(buffer, start)
     record_knot(buffer, stop)
 
@@ -71,18 +57,20 @@ def record_nothing(buffer, start, stop):
 @kernel
 def thin_knots(buffer, deck):
     """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
-    book = state.book(buffer, deck)
-    places = knot_places(buffer, deck)
-    count = book.knots
-    kept = 0
+    book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
+    count, kept = book.knots, 0
     for knot in range(count):
         if knot % 2 == 1 and knot < count - 1:
             continue
         if kept != knot:
             places[kept] = places[knot]
-            for at in (state.AT.knot_passed, state.AT.knot_before, state.AT.knot_after):
-                come = knot_vector(buffer, at, deck, knot)
-                vectors.copy(knot_vector(buffer, at, deck, kept), come)
+            vectors.copy(
+                state.knot_passed(buffer, deck, kept), state.knot_passed(buffer, deck, knot)
+            )
+            vectors.copy(
+                state.knot_before(buffer, deck, kept), state.knot_before(buffer, deck, knot)
+            )
+            vectors.copy(state.knot_after(buffer, deck, kept), state.knot_after(buffer, deck, knot))
         kept += 1
     book.knots = kept
 
@@ -90,10 +78,13 @@ def thin_knots(buffer, deck):
 @kernel
 def between_knots(buffer, deck, knot):
     """What has passed up to a knot and to the next one, and the rates at both, in between."""
-    start = knot_vector(buffer, state.AT.knot_passed, deck, knot)
-    stop = knot_vector(buffer, state.AT.knot_passed, deck, knot + 1)
-    after = knot_vector(buffer, state.AT.knot_after, deck, knot)
-    return start, stop, after, knot_vector(buffer, state.AT.knot_before, deck, knot + 1)
+    start, stop = state.knot_passed(buffer, deck, knot), state.knot_passed(buffer, deck, knot + 1)
+    return (
+        start,
+        stop,
+        state.knot_after(buffer, deck, knot),
+        state.knot_before(buffer, deck, knot + 1),
+    )
 
 
 @kernel
@@ -111,7 +102,7 @@ def lead_source(buffer, deck, place, velocity):
     """
     above = deck - 1
     upper, book = state.book(buffer, above), state.book(buffer, deck)
-    places = knot_places(buffer, above)
+    places = state.knot_place(buffer, above)
     count = upper.knots
     state.work(buffer).source_terms = 0.0
     slack = SAME_PLACE * deck_length(buffer, deck)
@@ -126,19 +117,18 @@ def lead_source(buffer, deck, place, velocity):
     width = places[knot + 1] - places[knot]
     x, rise = (place - places[knot]) / width, velocity / width
     start, stop, after, before = between_knots(buffer, above, knot)
-    per_area = 1.0 / deck_width(buffer, deck)
-    nodes = start.size
-    source = state.vector(buffer, state.AT.source, 3 * nodes, 0)
-    for i in range(nodes):
+    per_area = 1.0 / state.width(buffer)[deck]
+    source = state.source(buffer)
+    for i in range(start.size):
         total = stop[i] - start[i]
         one, two = end_rates(total, after[i], before[i], width)
         mean = total / width
         # rate(x) = one + x (6 mean - 4 one - 2 two) + 3 x^2 (one + two - 2 mean)
         linear = 6.0 * mean - 4.0 * one - 2.0 * two
         square = 3.0 * (one + two - 2.0 * mean)
-        source[i] = per_area * (one + x * (linear + x * square))
-        source[nodes + i] = per_area * rise * (linear + 2.0 * x * square)
-        source[2 * nodes + i] = per_area * rise * rise * square
+        source[0, i] = per_area * (one + x * (linear + x * square))
+        source[1, i] = per_area * rise * (linear + 2.0 * x * square)
+        source[2, i] = per_area * rise * rise * square
         if total > 0.0:
             state.work(buffer).source_terms = 3.0
     return max(slack, places[knot + 1] - place) / velocity
@@ -147,8 +137,7 @@ def lead_source(buffer, deck, place, velocity):
 @kernel
 def passed_up_to(buffer, deck, place, passed):
     """What passes a steady deck up to a place [m], into `passed[node]`, kg/s."""
-    book = state.book(buffer, deck)
-    places = knot_places(buffer, deck)
+    book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
     count = book.knots
     vectors.fill(passed, 0.0)
     if count == 0:
@@ -157,7 +146,7 @@ def passed_up_to(buffer, deck, place, passed):
     while knot + 2 < count and places[knot + 1] < place:
         knot += 1
     if count == 1 or place <= places[knot]:
-        vectors.copy(passed, knot_vector(buffer, state.AT.knot_passed, deck, knot))
+        vectors.copy(passed, state.knot_passed(buffer, deck, knot))
         return
     start, stop, after, before = between_knots(buffer, deck, knot)
     width = places[knot + 1] - places[knot]

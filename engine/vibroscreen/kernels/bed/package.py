@@ -14,55 +14,31 @@ JOIN = 1.0 + 1e-9
 
 # --- what a slot holds ---------------------------------------------------------------------------
 @kernel
-def lengths(buffer, deck):
-    """Lengths of the packages of a deck by slot, m."""
-    return state.package_vector(buffer, state.AT.length, deck)
-
-
-@kernel
 def layers_of(buffer, deck, index):
-    return int(state.package_vector(buffer, state.AT.layers_used, deck)[index])
-
-
-@kernel
-def column_of(buffer, deck, index):
-    """Loads of a package [layer, node], kg/m2."""
-    return state.column(buffer, state.AT.load, state.slot(buffer, deck, index))
-
-
-@kernel
-def reference_of(buffer, deck, index):
-    """What was fed to a package by node, the measure of its errors, kg/m2."""
-    return state.node_vector(buffer, state.AT.reference, state.slot(buffer, deck, index))
-
-
-@kernel
-def pace_of(buffer, deck, index):
-    """Steps and order of the integration that a package goes on with."""
-    return state.vector(buffer, state.AT.pace, 4, state.slot(buffer, deck, index))
+    return int(state.layers_used(buffer, deck)[index])
 
 
 @kernel
 def load_of(buffer, deck, index):
     """Areal mass of a package, kg/m2."""
-    return bed_load(column_of(buffer, deck, index), layers_of(buffer, deck, index))
+    return bed_load(state.load(buffer, deck, index), layers_of(buffer, deck, index))
 
 
 @kernel
 def area_of(buffer, deck, index):
     """Plan area of a package, m2."""
-    return travel.deck_width(buffer, deck) * lengths(buffer, deck)[index]
+    return state.width(buffer)[deck] * state.length(buffer, deck)[index]
 
 
 @kernel
 def panel_of(buffer, deck, index):
     """Panel on which a package counts: that of its middle."""
-    return int(state.package_vector(buffer, state.AT.on_panel, deck)[index])
+    return int(state.on_panel(buffer, deck)[index])
 
 
 @kernel
 def scene_of(buffer, deck, index):
-    return state.scene(buffer, state.AT.scene, deck, panel_of(buffer, deck, index))
+    return state.scene(buffer, deck, panel_of(buffer, deck, index))
 
 
 @kernel
@@ -74,14 +50,13 @@ def velocity_of(buffer, deck, index):
 def span_of(buffer, deck, index):
     """Riding time from the rear to the front of a package, s; its length where all stands still."""
     velocity = velocity_of(buffer, deck, index)
-    length = lengths(buffer, deck)[index]
+    length = state.length(buffer, deck)[index]
     return length / velocity if velocity > 0.0 else length
 
 
 @kernel
 def settle(buffer, deck, index, layers):
-    load = column_of(buffer, deck, index)
-    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    load, used = state.load(buffer, deck, index), state.layers_used(buffer, deck)
     used[index] = restack(buffer, scene_of(buffer, deck, index), load, layers)
 
 
@@ -89,7 +64,7 @@ def settle(buffer, deck, index, layers):
 @kernel
 def bed_capacity(buffer, deck):
     """Depth that `bed.layers` layers together hold, m; also where a model has none of its own."""
-    scene = state.scene(buffer, state.AT.scene, deck, 0)
+    scene = state.scene(buffer, deck, 0)
     upper = (state.extent(buffer).bed_layers - 1.0) * scene.layer_load
     return (scene.contact_load + upper) / scene.density
 
@@ -103,7 +78,7 @@ def free_slots(buffer, deck):
 @kernel
 def give_back(buffer, deck, index):
     """Put slot `index` on the pile of free ones; call before the package leaves its row."""
-    state.package_vector(buffer, state.AT.free, deck)[free_slots(buffer, deck)] = index
+    state.free(buffer, deck)[free_slots(buffer, deck)] = index
 
 
 @kernel
@@ -113,15 +88,15 @@ def new_slot(buffer, deck, panel, length):
         part_cohorts(buffer, deck)
     if free_slots(buffer, deck) == 0:
         merge_likest(buffer, deck)
-    index = int(state.package_vector(buffer, state.AT.free, deck)[free_slots(buffer, deck) - 1])
-    load = column_of(buffer, deck, index)
-    vectors.fill(reference_of(buffer, deck, index), 0.0)
+    index = int(state.free(buffer, deck)[free_slots(buffer, deck) - 1])
+    load = state.load(buffer, deck, index)
+    vectors.fill(state.reference(buffer, deck, index), 0.0)
     vectors.clear_rows(load, 0, load.shape[0])
-    state.package_vector(buffer, state.AT.leader, deck)[index] = 0.0
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] = panel
-    lengths(buffer, deck)[index] = length
-    state.package_vector(buffer, state.AT.layers_used, deck)[index] = 1.0
-    keep_pace(state.book(buffer, deck), pace_of(buffer, deck, index))
+    state.leader(buffer, deck)[index] = 0.0
+    state.on_panel(buffer, deck)[index] = panel
+    state.length(buffer, deck)[index] = length
+    state.layers_used(buffer, deck)[index] = 1.0
+    keep_pace(state.book(buffer, deck), state.pace(buffer, deck, index))
     return index
 
 
@@ -138,21 +113,20 @@ def use_pace(book, pace):
 
 @kernel
 def slot_at(buffer, deck, place):
-    return int(state.package_vector(buffer, state.AT.queue, deck)[place])
+    return int(state.queue(buffer, deck)[place])
 
 
 @kernel
 def join_back(buffer, deck, index):
     book = state.book(buffer, deck)
-    state.package_vector(buffer, state.AT.queue, deck)[book.packages] = index
+    state.queue(buffer, deck)[book.packages] = index
     book.packages += 1
 
 
 @kernel
 def leave_queue(buffer, deck, place):
     """Take the package at `place` out of the queue and free its slot."""
-    book = state.book(buffer, deck)
-    queue = state.package_vector(buffer, state.AT.queue, deck)
+    book, queue = state.book(buffer, deck), state.queue(buffer, deck)
     give_back(buffer, deck, queue[place])
     book.packages -= 1
     for k in range(place, book.packages):
@@ -164,7 +138,7 @@ def leave_queue(buffer, deck, place):
 def merge_into(buffer, deck, place):
     """Merge the package behind `place` into the one at `place`, layer by layer, conservatively."""
     keep, gone = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)
-    length = lengths(buffer, deck)
+    length = state.length(buffer, deck)
     stretch = 1.0  # of what comes from another panel
     if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and travel.conveys(
         buffer, deck
@@ -172,8 +146,8 @@ def merge_into(buffer, deck, place):
         stretch = velocity_of(buffer, deck, keep) / velocity_of(buffer, deck, gone)
     whole = length[keep] + stretch * length[gone]
     if whole > 0.0:
-        load, more = column_of(buffer, deck, keep), column_of(buffer, deck, gone)
-        reference, fed = reference_of(buffer, deck, keep), reference_of(buffer, deck, gone)
+        load, more = state.load(buffer, deck, keep), state.load(buffer, deck, gone)
+        reference, fed = state.reference(buffer, deck, keep), state.reference(buffer, deck, gone)
         layers = max(layers_of(buffer, deck, keep), layers_of(buffer, deck, gone))
         for i in range(reference.size):
             reference[i] = (length[keep] * reference[i] + length[gone] * fed[i]) / whole
@@ -188,8 +162,8 @@ def merge_into(buffer, deck, place):
 @kernel
 def unlikeness(buffer, deck, one, two):
     """How much two packages differ: largest difference of a node, as a part of what was fed."""
-    load, other = column_of(buffer, deck, one), column_of(buffer, deck, two)
-    reference, fed = reference_of(buffer, deck, one), reference_of(buffer, deck, two)
+    load, other = state.load(buffer, deck, one), state.load(buffer, deck, two)
+    reference, fed = state.reference(buffer, deck, one), state.reference(buffer, deck, two)
     layers = max(layers_of(buffer, deck, one), layers_of(buffer, deck, two))
     worst = 0.0
     for i in range(reference.size):
@@ -208,8 +182,7 @@ def merge_likest(buffer, deck):
 
     Rates are smooth, so what mixing changes is of second order in the difference.
     """
-    book = state.book(buffer, deck)
-    length = lengths(buffer, deck)
+    book, length = state.book(buffer, deck), state.length(buffer, deck)
     best, least = 0, 1e300
     for place in range(book.packages - 1):
         one, two = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)
@@ -234,7 +207,7 @@ def alike(buffer, deck, one, two):
 # --- closed cohorts ------------------------------------------------------------------------------
 @kernel
 def leader_at(buffer, deck, place):
-    return state.package_vector(buffer, state.AT.leader, deck)[slot_at(buffer, deck, place)]
+    return state.leader(buffer, deck)[slot_at(buffer, deck, place)]
 
 
 @kernel
@@ -251,10 +224,10 @@ def cohort_end(buffer, deck, place):
 def part_cohort(buffer, deck, place):
     """From now on the parts of the closed cohort at `place` are packages of their own."""
     index = int(leader_at(buffer, deck, place)) - 1
-    leader = state.package_vector(buffer, state.AT.leader, deck)
+    leader = state.leader(buffer, deck)
     for k in range(place, cohort_end(buffer, deck, place)):
         part = slot_at(buffer, deck, k)
-        vectors.copy(pace_of(buffer, deck, part), pace_of(buffer, deck, index))
+        vectors.copy(state.pace(buffer, deck, part), state.pace(buffer, deck, index))
         leader[part] = 0.0
     give_back(buffer, deck, index)
     state.book(buffer, deck).leaders -= 1.0

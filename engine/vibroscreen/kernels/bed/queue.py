@@ -36,7 +36,7 @@ def advance_queue(buffer, deck, duration):
             left = ride.advance_package(buffer, deck, index, place, rear, duration)
             gone += 1 if left <= 0.0 and place == gone else 0
         rear -= behind
-    state.vector(buffer, state.AT.fall_count, 4, deck)[0] = count
+    state.fall_count(buffer, deck)[0] = count
     for _ in range(gone):
         package.leave_queue(buffer, deck, 0)
     if book.pile_open > 0.0:

@@ -9,13 +9,14 @@ from vibroscreen.kernels.numerics import integrate, vectors
 @kernel
 def integrate_package(buffer, deck, index, duration):
     """Advance the column of a package; its step and order are remembered with it."""
-    book, pace = state.book(buffer, deck), package.pace_of(buffer, deck, index)
+    book, pace = state.book(buffer, deck), state.pace(buffer, deck, index)
     lead_pace = (book.step, book.order, book.pace, book.wide)
     package.use_pace(book, pace)
-    scene = package.scene_of(buffer, deck, index)
-    load = package.column_of(buffer, deck, index)
-    reference = package.reference_of(buffer, deck, index)
-    used = state.package_vector(buffer, state.AT.layers_used, deck)
+    scene, load = (
+        package.scene_of(buffer, deck, index),
+        state.load(buffer, deck, index),
+    )
+    reference, used = state.reference(buffer, deck, index), state.layers_used(buffer, deck)
     layers = int(used[index])
     used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration)
     package.keep_pace(book, pace)
@@ -27,9 +28,8 @@ def integrate_package(buffer, deck, index, duration):
 def pass_through(buffer, deck, row, scale, scale_time):
     """Book what passed, scale x passed + scale_time x its integral, as undersize of the deck."""
     undersize = falls.undersize(buffer, deck)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
-    fallen = falls.fall_vector(buffer, deck, row)
+    passed, passed_time = state.column_flux(buffer, 0), state.column_flux(buffer, 1)
+    fallen = state.fall(buffer, deck, row)
     record = deck + 1 < state.extent(buffer).decks
     for i in range(passed.size):
         mass = scale * passed[i] + scale_time * passed_time[i]
@@ -43,19 +43,17 @@ def land_on(buffer, row, area, time):
     """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
     if area * time <= 0.0:
         return
-    source = state.node_vector(buffer, state.AT.source, 0)
-    landing = state.node_vector(buffer, state.AT.landing, row)
-    for i in range(source.size):
-        source[i] = landing[i] / (area * time)
-        if source[i] != 0.0:
+    source, landing = state.source(buffer), state.landing(buffer, row)
+    for i in range(landing.size):
+        source[0, i] = landing[i] / (area * time)
+        if source[0, i] != 0.0:
             state.work(buffer).source_terms = 1.0
 
 
 @kernel
 def refer_to_landing(buffer, deck, index, row):
     """Add what lands on a package to what was fed to it, the measure of its errors, kg/m2."""
-    reference = package.reference_of(buffer, deck, index)
-    landing = state.node_vector(buffer, state.AT.landing, row)
+    reference, landing = state.reference(buffer, deck, index), state.landing(buffer, row)
     area = package.area_of(buffer, deck, index)
     for i in range(reference.size):
         if landing[i] > 0.0:
@@ -77,12 +75,12 @@ def discharge(buffer, deck, index, row, duration, rest):
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
     exactly from the time integrals of what passed and of the loads.
     """
-    length = package.lengths(buffer, deck)
+    length = state.length(buffer, deck)
     integrate_package(buffer, deck, index, duration)
-    width = travel.deck_width(buffer, deck)
+    width = state.width(buffer)[deck]
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
-    time, rows = state.column(buffer, state.AT.column_time, 0), state.book(buffer, deck).rows
+    time, rows = state.column_time(buffer), state.book(buffer, deck).rows
     vectors.add_rows(falls.oversize(buffer, deck), width * shortening, time, rows)
     length[index] = rest
 
@@ -93,7 +91,7 @@ def idle(buffer, deck, index, row):
     if state.switches(buffer).idle_packages == 0.0:
         return False
     if deck > 0:
-        landing = state.node_vector(buffer, state.AT.landing, row)
+        landing = state.landing(buffer, row)
         for i in range(landing.size):
             if landing[i] != 0.0:
                 return False
@@ -106,21 +104,21 @@ def idle(buffer, deck, index, row):
 @kernel
 def shed(buffer, deck, index):
     """Let what is left of a package fall over the deck's end at once."""
-    load, area = package.column_of(buffer, deck, index), package.area_of(buffer, deck, index)
+    load, area = state.load(buffer, deck, index), package.area_of(buffer, deck, index)
     layers = package.layers_of(buffer, deck, index)
     vectors.add_rows(falls.oversize(buffer, deck), area, load, layers)
-    package.lengths(buffer, deck)[index] = 0.0
+    state.length(buffer, deck)[index] = 0.0
 
 
 @kernel
 def cross(buffer, deck, index):
     """Move a package to the next panel: its length changes with the velocity, its mass stays."""
     before = package.velocity_of(buffer, deck, index)
-    state.package_vector(buffer, state.AT.on_panel, deck)[index] += 1.0
+    state.on_panel(buffer, deck)[index] += 1.0
     stretch = package.velocity_of(buffer, deck, index) / before
-    package.lengths(buffer, deck)[index] *= stretch
-    reference = package.reference_of(buffer, deck, index)
-    load, layers = package.column_of(buffer, deck, index), package.layers_of(buffer, deck, index)
+    state.length(buffer, deck)[index] *= stretch
+    reference = state.reference(buffer, deck, index)
+    load, layers = state.load(buffer, deck, index), package.layers_of(buffer, deck, index)
     vectors.divide(reference, load, layers, stretch)
     package.settle(buffer, deck, index, layers)
 
@@ -176,8 +174,7 @@ def time_on_deck(buffer, deck, rear, span, duration):
 @kernel
 def advance_package(buffer, deck, index, row, rear, duration):
     """Move a package whose rear is at the riding time `rear`; returns the length that is left."""
-    length = package.lengths(buffer, deck)
-    span = package.span_of(buffer, deck, index)
+    length, span = state.length(buffer, deck), package.span_of(buffer, deck, index)
     whole, over, rest = time_on_deck(buffer, deck, rear, span, duration)
     ends = rest == 0.0 and travel.conveys(buffer, deck)
     if idle(buffer, deck, index, row):
@@ -194,7 +191,7 @@ def advance_package(buffer, deck, index, row, rear, duration):
     if rest < span and over > 0.0:
         rest *= package.velocity_of(buffer, deck, index)
         if deck > 0:
-            area = 0.5 * travel.deck_width(buffer, deck) * (length[index] + rest)
+            area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
             land_on(buffer, row, area, whole + over)
         discharge(buffer, deck, index, row, over, rest)
         state.work(buffer).source_terms = 0.0
@@ -217,7 +214,7 @@ def ride_over(buffer, deck, index, middle):
 @kernel
 def queue_rear(buffer, deck):
     """Riding time of the rear end of the queue, s (its place where the deck stands still)."""
-    book = state.book(buffer, deck)
-    if book.pile_open > 0.0:
-        return travel.riding_time(buffer, deck, book.pile_rear)
+    book, velocity = state.book(buffer, deck), travel.panel_velocity(buffer, deck, 0)
+    if book.pile_open > 0.0:  # the rear of a pile lies before the feed end
+        return book.pile_rear / velocity if velocity > 0.0 else book.pile_rear
     return book.cohort_front

@@ -10,12 +10,7 @@ from vibroscreen.kernels import state
 
 @kernel
 def panel_count(buffer, deck):
-    return int(state.vector(buffer, state.AT.panel_count, state.extent(buffer).decks, 0)[deck])
-
-
-@kernel
-def deck_width(buffer, deck):
-    return state.vector(buffer, state.AT.width, state.extent(buffer).decks, 0)[deck]
+    return int(state.panel_count(buffer)[deck])
 
 
 @kernel
@@ -28,7 +23,7 @@ def deck_length(buffer, deck):
 
 @kernel
 def panel_velocity(buffer, deck, panel):
-    return state.scene(buffer, state.AT.scene, deck, panel).transport_velocity
+    return state.scene(buffer, deck, panel).transport_velocity
 
 
 @kernel
@@ -39,17 +34,18 @@ def conveys(buffer, deck):
 @kernel
 def panel_end_time(buffer, deck, panel):
     """Riding time at the end of a panel, s."""
-    return riding_time_over(buffer, state.AT.scene, deck, panel + 1)
+    return riding_time_over(buffer, False, deck, panel + 1)
 
 
 @kernel
-def riding_time_over(buffer, at, deck, panels):
-    """Riding time over the first panels in the scenes of field `at`, s; 0: it does not convey."""
+def riding_time_over(buffer, new, deck, panels):
+    """Riding time over the first panels in the scenes in use or new, s; 0: it does not convey."""
     time = 0.0
-    if state.scene(buffer, at, deck, 0).transport_velocity <= 0.0:
-        return time
     for k in range(panels):
-        velocity = state.scene(buffer, at, deck, k).transport_velocity
+        scene = state.scene_now(buffer, deck, k) if new else state.scene(buffer, deck, k)
+        velocity = scene.transport_velocity
+        if velocity <= 0.0:
+            return 0.0
         time += state.panel(buffer, deck, k).length / velocity
     return time
 
@@ -61,31 +57,11 @@ def residence_time(buffer, deck):
 
 
 @kernel
-def riding_time(buffer, deck, place):
-    """Riding time at a place [m], s, also before the feed end; on a deck at rest the place."""
-    velocity = panel_velocity(buffer, deck, 0)
-    if velocity <= 0.0:
-        return place
-    time = 0.0
-    left = place
-    last = panel_count(buffer, deck) - 1
-    for panel in range(last):
-        length = state.panel(buffer, deck, panel).length
-        if left <= length:
-            return time + left / panel_velocity(buffer, deck, panel)
-        time += length / panel_velocity(buffer, deck, panel)
-        left -= length
-    return time + left / panel_velocity(buffer, deck, last)
-
-
-@kernel
 def place_after(buffer, deck, time):
     """Place [m] at a riding time [s], also before the feed end and beyond the discharge."""
     if panel_velocity(buffer, deck, 0) <= 0.0:
         return time
-    place = 0.0
-    left = time
-    last = panel_count(buffer, deck) - 1
+    place, left, last = 0.0, time, panel_count(buffer, deck) - 1
     for panel in range(last):
         length = state.panel(buffer, deck, panel).length
         velocity = panel_velocity(buffer, deck, panel)
@@ -98,7 +74,7 @@ def place_after(buffer, deck, time):
 
 @kernel
 def panel_cells(buffer, deck, panel):
-    return int(state.vector(buffer, state.AT.panel_cells, state.extent(buffer).panels, deck)[panel])
+    return int(state.panel_cells(buffer, deck)[panel])
 
 
 @kernel

@@ -18,7 +18,7 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = state.node_vector(buffer, state.AT.size, 0)
+    size = state.size(buffer)
     nodes = size.size
     parameter = state.parameters(buffer)
     model = parameter.segregation_model
@@ -69,11 +69,9 @@ def gather(buffer, scene, load, reference, layers):
     go over four sizes at once: the last one comes again, without mass, up to a multiple of four.
     """
     switch, counter = state.switches(buffer), state.counters(buffer)
-    size = state.node_vector(buffer, state.AT.size, 0)
-    held = state.node_vector(buffer, state.AT.node_work, 0)
-    place, share = places(buffer)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, size.size)
-    flux = state.node_vector(buffer, state.AT.column_flux, 0)
+    size, held = state.size(buffer), state.spare(buffer, 0)
+    place, share = state.place(buffer), state.share(buffer)
+    source, flux = state.source(buffer), state.column_flux(buffer, 0)
     terms = state.work(buffer).source_terms
     passing = scene.passage_velocity > 0.0 and switch.used_up_sizes > 0.0 and terms == 0
     least = USED_UP * state.parameters(buffer).solver_tolerance
@@ -112,13 +110,6 @@ def gather(buffer, scene, load, reference, layers):
 
 
 @kernel
-def places(buffer):
-    """Where each size of a column is in a block, -1 for nowhere, and its share of what is there."""
-    place = state.node_vector(buffer, state.AT.place, 0)
-    return place, state.node_vector(buffer, state.AT.share, 0)
-
-
-@kernel
 def places_kept(place):
     """Number of the first sizes that have the same place in a block as in a column."""
     kept = 0
@@ -142,8 +133,8 @@ def gather_row(place, straight, load, row, to, to_row):
 def fill_block(buffer, load, reference, layers):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     count, terms = state.work(buffer).active, state.work(buffer).source_terms
-    size = state.node_vector(buffer, state.AT.size, 0)
-    place, _ = places(buffer)
+    size = state.size(buffer)
+    place = state.place(buffer)
     compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
     now, integral = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
@@ -160,7 +151,7 @@ def fill_block(buffer, load, reference, layers):
     for n in range(count):
         weight[n] = 1.0 / weight[n] if weight[n] > layer.NOTHING else 0.0
     straight = places_kept(place)
-    source = view2(buffer, int(buffer[state.AT.source]), 3, place.size)
+    source = state.source(buffer)
     landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
     vectors.clear_rows(landing, 0, terms)
     for k in range(terms):
@@ -176,7 +167,7 @@ def add_spread(buffer, straight, to, load, rows):
 
     Those are most: plain sums, which are fast.
     """
-    place, share = places(buffer)
+    place, share = state.place(buffer), state.share(buffer)
     for j in range(rows):
         for i in range(straight):
             to[j, i] += share[i] * load[j, i]
@@ -189,11 +180,10 @@ def add_spread(buffer, straight, to, load, rows):
 @kernel
 def scatter(buffer, load, layers, rows, elapsed):
     """Copy the block NOW back into a column of `rows` rows in use, and add its sums."""
-    place, share = places(buffer)
+    place, share = state.place(buffer), state.share(buffer)
     gone = blocks.stage_passed(buffer, blocks.NOW)
-    gone_time = blocks.stage_passed(buffer, blocks.INTEGRAL)
-    passed = state.node_vector(buffer, state.AT.column_flux, 0)
-    passed_time = state.node_vector(buffer, state.AT.column_flux, 1)
+    gone_time, passed = blocks.stage_passed(buffer, blocks.INTEGRAL), state.column_flux(buffer, 0)
+    passed_time = state.column_flux(buffer, 1)
     for i in range(passed.size):
         passed_time[i] += elapsed * passed[i]
         n = int(place[i])
@@ -203,7 +193,7 @@ def scatter(buffer, load, layers, rows, elapsed):
     straight = places_kept(place)
     vectors.clear_rows(load, 0, rows)
     add_spread(buffer, straight, load, blocks.stage_load(buffer, blocks.NOW), layers)
-    time = state.column(buffer, state.AT.column_time, 0)
+    time = state.column_time(buffer)
     add_spread(buffer, straight, time, blocks.stage_load(buffer, blocks.INTEGRAL), rows)
 
 
@@ -216,7 +206,7 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     step: it would add up over many.
     """
     nodes, terms = state.work(buffer).active, state.work(buffer).source_terms
-    place, _ = places(buffer)
+    place = state.place(buffer)
     straight = places_kept(place)
     values = blocks.stage(buffer, blocks.NOW)
     missing = blocks.active_vector(buffer, state.AT.node_work, 1)

@@ -8,7 +8,7 @@ from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, kinks, rates
 from vibroscreen.kernels.numerics.column import mean_landing
-from vibroscreen.kernels.numerics.layers import bed_load, cover_of, layers_for, restack
+from vibroscreen.kernels.numerics.layers import bed_load, layers_for, restack
 from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
 
 
@@ -57,10 +57,9 @@ def basic_step(buffer, scene, k, layers, h, moment):
     rate = blocks.active_vector(buffer, state.AT.node_work, 0)
     contact = blocks.active_vector(buffer, state.AT.node_work, 1)
     stay = blocks.active_vector(buffer, state.AT.node_work, 3)
-    down = blocks.active_column(buffer, state.AT.percolation)
-    up = state.vector(buffer, state.AT.upward, state.extent(buffer).layers, 0)
+    down, up = blocks.active_column(buffer, state.AT.percolation), state.upward(buffer)
     nodes = rate.size
-    cover = cover_of(scene, layer_mass(load, 0))
+    cover = min(1.0, layer_mass(load, 0) / scene.contact_load)
     pace = rates.passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
@@ -130,9 +129,9 @@ def extrapolate(buffer, k, rows):
 @kernel
 def step_error(buffer, rows):
     """Largest difference of the two best extrapolations as a part of what was fed of a size."""
-    best, next_best = blocks.TRIAL, blocks.TRIAL + 2
-    flux, coarse_flux = blocks.stage_passed(buffer, best), blocks.stage_passed(buffer, next_best)
-    load, coarse_load = blocks.stage_load(buffer, best), blocks.stage_load(buffer, next_best)
+    best, second = blocks.TRIAL, blocks.TRIAL + 2
+    flux, coarse_flux = blocks.stage_passed(buffer, best), blocks.stage_passed(buffer, second)
+    load, coarse_load = blocks.stage_load(buffer, best), blocks.stage_load(buffer, second)
     weight = blocks.active_vector(buffer, state.AT.compact, 1)
     worst = 0.0
     for i in range(weight.size):
@@ -192,19 +191,14 @@ def take_implicit(buffer, scene, rows, h):
 
 # --- its length and order ------------------------------------------------------------------------
 @kernel
-def first_step(scene, duration):
-    """A first implicit step: the time in which the screen could take the contact layer once, s."""
-    pace = scene.passage_velocity * scene.density / scene.contact_load
-    return min(duration, 0.25 / pace) if pace > 0.0 else duration
-
-
-@kernel
 def implicit_length(buffer, scene, book, step, layers, left):
     """Find the length of an implicit step that meets the tolerance, its trials done; s."""
     counter = state.counters(buffer)
     moment = step.duration - step.left
     if book.step <= 0.0:
-        book.step, book.order = first_step(scene, left), 3
+        # The screen could take the contact layer once in four times that.
+        pace = scene.passage_velocity * scene.density / scene.contact_load
+        book.step, book.order = min(left, 0.25 / pace) if pace > 0.0 else left, 3
     while True:
         planned, order = book.step, book.order
         h = left if planned > 0.99 * left else min(planned, 0.5 * left)

@@ -9,6 +9,7 @@ from vibroscreen.kernels.numerics import (
     explicit,
     implicit,
     kinks,
+    pair,
     parts,
     rates,
     reconstruction,
@@ -30,8 +31,8 @@ STIFF = 30000.0
 @kernel
 def clear_sums(buffer, rows):
     for row in range(2):
-        vectors.fill(state.node_vector(buffer, state.AT.column_flux, row), 0.0)
-    vectors.clear_rows(state.column(buffer, state.AT.column_time, 0), 0, rows)
+        vectors.fill(state.column_flux(buffer, row), 0.0)
+    vectors.clear_rows(state.column_time(buffer), 0, rows)
 
 
 @kernel
@@ -153,7 +154,11 @@ def advance_explicit(buffer, scene, book, step, layers):
         within.land_in_step(buffer, layers, h, landed, scheme)
         step.length = h * landed
     else:
-        within.sum_step(buffer, layers, h, scheme)
+        size = (layers + 1) * state.work(buffer).active
+        if scheme == explicit.PAIR:
+            pair.integrate_stages(buffer, h, size)
+        else:
+            explicit.integrate_ends(buffer, h, size)
     paid = explicit.take_explicit(buffer, layers, ended)
     if landed < 1.0:  # before debts are paid: a layer without mass would be left with some
         layers = kinks.settle_top(buffer, scene, layers, step.growth)
@@ -199,10 +204,9 @@ def advance_implicit(buffer, scene, book, step, layers):
 @kernel
 def note_passage(buffer, scene, moment):
     """Record what has passed of the slice and passes now, for the deck below."""
-    place, share = column.places(buffer)
-    passed = state.node_vector(buffer, state.AT.record, 0)
-    passing = state.node_vector(buffer, state.AT.record, 1)
-    before = state.node_vector(buffer, state.AT.column_flux, 0)
+    place, share = state.place(buffer), state.share(buffer)
+    passed, passing = state.recorded(buffer, 0), state.recorded(buffer, 1)
+    before = state.column_flux(buffer, 0)
     now, rate = blocks.stage_passed(buffer, blocks.NOW), blocks.stage_passed(buffer, blocks.K1)
     for i in range(passed.size):
         n = int(place[i])

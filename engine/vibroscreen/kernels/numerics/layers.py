@@ -74,9 +74,3 @@ def restack(buffer, scene, load, layers):
                 break
     vectors.clear_rows(load, wanted, layers)
     return wanted
-
-
-@kernel
-def cover_of(scene, mass):
-    """Part of the deck that a contact layer of `mass` kg/m2 covers, min(1, sigma_0/sigma_c)."""
-    return min(1.0, mass / scene.contact_load)

@@ -7,14 +7,6 @@ from vibroscreen.kernels.physics.layer import layer_mass
 
 
 @kernel
-def wanted(buffer):
-    """When each part of a trajectory ends, s, and the slot that gets its mean loads."""
-    packages = state.extent(buffer).packages
-    ends = state.vector(buffer, state.AT.part_end, packages, 0)
-    return ends, state.vector(buffer, state.AT.part_slot, packages, 0)
-
-
-@kernel
 def begin_parts(buffer, count, start):
     """Want the means over `count` parts of a trajectory, the first of which begins at `start` s."""
     work = state.work(buffer)
@@ -24,7 +16,7 @@ def begin_parts(buffer, count, start):
 @kernel
 def time_in_part(buffer, moment, left):
     """Time until the part at hand begins or ends, at most what is left, s."""
-    work, (ends, _) = state.work(buffer), wanted(buffer)
+    work, ends = state.work(buffer), state.part_end(buffer)
     until = ends[work.part] - moment
     if moment < work.parts_from:
         until = work.parts_from - moment
@@ -34,7 +26,7 @@ def time_in_part(buffer, moment, left):
 @kernel
 def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
     """Add the first `taken` s of an explicit step of h, not yet taken, to the parts it meets."""
-    work, (ends, _) = state.work(buffer), wanted(buffer)
+    work, ends = state.work(buffer), state.part_end(buffer)
     begin = work.parts_from if work.part == 0 else ends[work.part - 1]
     while work.part < work.parts and begin < moment + taken:
         end = ends[work.part]
@@ -54,7 +46,7 @@ def add_step_to_parts(buffer, layers, h, taken, moment, scheme):
 @kernel
 def add_integral_to_part(buffer, rows, h, moment):
     """Add a step that ends with the part at hand: INTEGRAL, less what it was before (block K2)."""
-    work, (ends, _) = state.work(buffer), wanted(buffer)
+    work, ends = state.work(buffer), state.part_end(buffer)
     if moment < work.parts_from:
         return
     before, total = blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL)
@@ -70,11 +62,10 @@ def add_integral_to_part(buffer, rows, h, moment):
 def give_to_part(buffer, rows, duration):
     """Add block OF_PART, the integral over `duration` s, to the part at hand."""
     part = state.work(buffer).part
-    load = state.column(buffer, state.AT.load, int(wanted(buffer)[1][part]))
-    passed = state.node_vector(buffer, state.AT.part_passed, part)
-    place, share = column.places(buffer)
-    flux = state.node_vector(buffer, state.AT.column_flux, 0)
-    gone = blocks.stage_passed(buffer, blocks.OF_PART)
+    load = state.load(buffer, 0, state.part_slot(buffer)[part])
+    passed = state.part_passed(buffer, part)
+    place, share = state.place(buffer), state.share(buffer)
+    flux, gone = state.column_flux(buffer, 0), blocks.stage_passed(buffer, blocks.OF_PART)
     for i in range(passed.size):
         n = int(place[i])
         if n == i:

@@ -8,7 +8,6 @@ from vibroscreen.compiler.fours import all_four, four, four_in, larger, put_four
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, reconstruction
-from vibroscreen.kernels.numerics.layers import cover_of
 from vibroscreen.kernels.physics import layer, passage, segregation
 
 # A top layer below this part of a full one is no reason to cut an implicit step.
@@ -23,8 +22,7 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
     row 0 holds, as F_0i = contact_i load_0i.
     """
-    parameter = state.parameters(buffer)
-    size = blocks.active_vector(buffer, state.AT.compact, 0)
+    parameter, size = state.parameters(buffer), blocks.active_vector(buffer, state.AT.compact, 0)
     fraction = blocks.active_vector(buffer, state.AT.node_work, 2)
     percolation = blocks.active_column(buffer, state.AT.percolation)
     model, own = parameter.segregation_model, state.extent(buffer).segregation_address
@@ -84,7 +82,7 @@ def column_rates(buffer, scene, now, layers, rate, moment):
     scene.bed_load = top if layers == 1 else scene.contact_load + upper + top
     lower, upper = reconstruction.faces(buffer, load, layers)
     falling = blocks.follows_share(buffer, layers)
-    cover = cover_of(scene, top) if layers == 1 else 1.0
+    cover = min(1.0, top / scene.contact_load) if layers == 1 else 1.0
     pace = passage_factors(buffer, scene, load, lower, layers, cover, contact, weight)
     lost = pass_through(load, contact, pace, weight, passing, change)
     full = scene.contact_load

@@ -3,7 +3,7 @@
 from vibroscreen.compiler.fours import four, put_four
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.numerics import blocks, explicit, pair
+from vibroscreen.kernels.numerics import blocks, explicit
 
 # Within a step (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.6).
 D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
@@ -15,14 +15,6 @@ BENT += ((blocks.K5, D5), (blocks.K6, D6), (blocks.K7, D7))
 # With d = STAGED - y the column at the part t of an explicit step is, to order 4,
 #   y + t d + t(1-t)(h k1 - d) + t^2 (1-t) (2 d - h k1 - h k7) + t^2 (1-t)^2 h sum of D k,
 # or to order 3 without the last term, which is that of the pair.
-@kernel
-def value_in_step(buffer, layers, h, t, scheme):
-    """Column at the part t of an explicit step that is not yet taken, into block OF_PART."""
-    bend = t * t * (1.0 - t)
-    more = bend * (1.0 - t) if scheme == explicit.PAIR else 0.0
-    combine_step(buffer, layers, h, 1.0, t, t * (1.0 - t), bend, more)
-
-
 @kernel
 def integral_in_step(buffer, layers, h, a, b, scheme):
     """Time integral of an explicit step from a h to b h, into block OF_PART."""
@@ -91,16 +83,8 @@ def land_in_step(buffer, layers, h, t, scheme):
     integral_in_step(buffer, layers, h, 0.0, t, scheme)
     for i in range(0, size, 4):
         put_four(total, i, four(total, i) + four(out, i))
-    value_in_step(buffer, layers, h, t, scheme)
+    bend = t * t * (1.0 - t)
+    more = bend * (1.0 - t) if scheme == explicit.PAIR else 0.0
+    combine_step(buffer, layers, h, 1.0, t, t * (1.0 - t), bend, more)
     for i in range(0, size, 4):
         put_four(staged, i, four(out, i))
-
-
-@kernel
-def sum_step(buffer, layers, h, scheme):
-    """Add the time integral of a whole explicit step of any scheme."""
-    size = (layers + 1) * state.work(buffer).active
-    if scheme == explicit.PAIR:
-        pair.integrate_stages(buffer, h, size)
-    else:
-        explicit.integrate_ends(buffer, h, size)

@@ -10,25 +10,18 @@ GRAVITY = 9.81
 ROWS = 5
 MAX_ORDER = 8
 MAX_EDGES = 6 * MAX_ORDER + 2
-DRIVE = Record("frequency", "inclination", "friction", "velocity", "rolling")
-RESULT = Record("velocity", "spread", "airborne", "flights", "dissipation", "throw", "status")
+DRIVE = Record("frequency inclination friction velocity rolling")
+RESULT = Record("velocity spread airborne flights dissipation throw status")
 # A phase and where the deck is then: xi, xi', eta, eta'.
-PLACE = Record("phase", "along", "along_rate", "normal", "normal_rate")
+PLACE = Record("phase along along_rate normal normal_rate")
 # measured: whether losses count; least: slip velocity within the period, 0 if it sticks or turns
-BODY = Record(
-    *PLACE,
-    *("slip", "height", "rise", "flying"),
-    *("travel", "airborne", "flights", "loss", "measured", "least"),
-)
-# A function of the phase: a polynomial in the phase from `origin` on, and parts of xi and eta.
-FORM = Record("constant", "linear", "quadratic", "along", "normal", "origin")
+BODY = Record(*PLACE, "slip height rise flying travel airborne flights loss measured least")
 # Acceleration of the body: a constant, and parts of xi'' and eta''.
 LAW = Record("constant", "along", "normal")
 # Offsets in the work array.
 WAVE = 0  # [ROWS, 5] order, along cos, along sin, normal cos, normal sin
 LAWS = WAVE + 5 * ROWS  # contact force, slip forward, slip back, flight along, flight normal
-FORM_AT = LAWS + 15
-EDGE = FORM_AT + 6  # [MAX_EDGES, 8] a place, and the signs of the laws 0 to 2 from there on
+EDGE = LAWS + 15  # [MAX_EDGES, 8] a place, and the signs of the laws 0 to 2 from there on
 BODY_AT = EDGE + 8 * MAX_EDGES
 PLACE_AT = BODY_AT + 15
 NODE = PLACE_AT + 5  # [2, 5] two places with xi'' and eta'' instead of xi and eta
@@ -86,15 +79,13 @@ def compose_motion(motion, extra, rotation, harmonic):
     of the first one [rad], so that the throw angle b becomes b + rotation. Written to
     harmonic[5, 5]: order, then the factors of cos and sin along and of cos and sin normal.
     """
-    amplitude = motion[1]
-    throw_angle = motion[2] + rotation
+    amplitude, throw_angle = motion[1], motion[2] + rotation
     harmonic[0, 0] = 1.0
     harmonic[0, 1] = -amplitude * motion[3] * sin(throw_angle)
     harmonic[0, 2] = amplitude * cos(throw_angle)
     harmonic[0, 3] = amplitude * motion[3] * cos(throw_angle)
     harmonic[0, 4] = amplitude * sin(throw_angle)
-    turn_cos = cos(rotation)
-    turn_sin = sin(rotation)
+    turn_cos, turn_sin = cos(rotation), sin(rotation)
     for k in range(ROWS - 1):
         along_cos = extra[k, 1] * cos(extra[k, 2])
         along_sin = -extra[k, 1] * sin(extra[k, 2])
@@ -110,21 +101,16 @@ def compose_motion(motion, extra, rotation, harmonic):
 @kernel
 def wave_at(wave, phase, derivative):
     """Derivative of order `derivative` of xi and eta, then the next one of both."""
-    along = 0.0
-    normal = 0.0
-    along_rate = 0.0
-    normal_rate = 0.0
+    along, normal, along_rate, normal_rate = 0.0, 0.0, 0.0, 0.0
     first_sine, first_cosine = sine_cosine(phase)
     for k in range(ROWS):
         order = wave[k, 0]
         if order == 0.0:
             break
-        cosine = first_cosine
-        sine = first_sine
+        sine, cosine = first_sine, first_cosine
         for _ in range(int(order) - 1):
             turned = cosine * first_cosine - sine * first_sine
-            sine = sine * first_cosine + cosine * first_sine
-            cosine = turned
+            sine, cosine = sine * first_cosine + cosine * first_sine, turned
         if derivative & 1:
             cosine, sine = -sine, cosine
         factor = 1.0

@@ -1,13 +1,12 @@
 """The gap between packed grains, opened by shaking (the paper's amended formulas)."""
 
-from math import sqrt
+from math import pi, sqrt
 
 from vibroscreen.compiler.language import kernel
 
 _RADIUS_FACTOR = 2.0 * sqrt(3.0) / 3.0
 _HEXAGON_FACTOR = sqrt(3.0)
-_PI = 3.141592653589793
-_SOLID_FACTOR = sqrt(_HEXAGON_FACTOR / _PI)
+_SOLID_FACTOR = sqrt(_HEXAGON_FACTOR / pi)
 
 
 @kernel
@@ -28,4 +27,4 @@ def gap_open_area(mean_radius, dilation):
     if mean_radius + dilation <= 0.0:
         return 0.0
     ratio = gap_radius(mean_radius, dilation) / (mean_radius + dilation)
-    return min(1.0, _PI / _HEXAGON_FACTOR * ratio * ratio)
+    return min(1.0, pi / _HEXAGON_FACTOR * ratio * ratio)

@@ -41,54 +41,36 @@ def _set_place(work, phase, place, derivative):
 
 
 @kernel
-def _law_root(work, law, derivative, low, high, falls, guess):
-    """Phase at which a law (derivative 2) or its rate (derivative 3) is zero, as _root."""
-    form = record(work, motion.FORM_AT, motion.FORM)
-    form.constant = law.constant if derivative == 2 else 0.0
-    form.linear, form.quadratic, form.origin = 0.0, 0.0, 0.0
-    form.along, form.normal = law.along, law.normal
-    return _root(work, derivative, low, high, falls, guess)
+def _root(work, law, derivative, rate, low, high, falls, guess):
+    """Phase between low and high where a law, or what it makes of the body, is zero.
 
-
-@kernel
-def _motion_root(work, law, derivative, rate, high, falls, guess):
-    """Phase up to `high` at which the body's height (derivative 0) or velocity (1) is zero.
-
-    It moves on under a law with the velocity `rate`; as _root.
+    derivative: 0 height, 1 velocity of the body, which moves on under the law with the velocity
+    `rate`; 2 the law, 3 its rate. falls: it is positive at low. Newton's method kept inside a
+    shrinking bracket, so it ends; the last step is below 1e-10.
     """
-    form, body = record(work, motion.FORM_AT, motion.FORM), motion.body_of(work)
-    velocity_part = rate - law.along * body.along_rate - law.normal * body.normal_rate
-    form.along, form.normal, form.origin = law.along, law.normal, body.phase
-    if derivative == 1:
-        form.constant, form.linear, form.quadratic = velocity_part, law.constant, 0.0
-    else:
-        form.constant = body.height - law.along * body.along - law.normal * body.normal
-        form.linear, form.quadratic = velocity_part, 0.5 * law.constant
-    return _root(work, derivative, body.phase, high, falls, guess)
-
-
-@kernel
-def _root(work, derivative, low, high, falls, guess):
-    """Phase between low and high where the form is zero; falls: it is positive at low.
-
-    Newton's method kept inside a shrinking bracket, so it ends; the last step is below 1e-10.
-    """
-    wave, form = motion.wave_of(work), record(work, motion.FORM_AT, motion.FORM)
+    wave, body = motion.wave_of(work), motion.body_of(work)
+    origin, linear, quadratic = body.phase, law.constant, 0.0
+    constant = rate - law.along * body.along_rate - law.normal * body.normal_rate
+    if derivative == 0:
+        linear, quadratic = constant, 0.5 * law.constant
+        constant = body.height - law.along * body.along - law.normal * body.normal
+    elif derivative > 1:
+        origin, linear, constant = 0.0, 0.0, law.constant if derivative == 2 else 0.0
     phase = guess
     for _ in range(80):
-        time = phase - form.origin
+        time = phase - origin
         along, normal, along_rate, normal_rate = motion.wave_at(wave, phase, derivative)
-        value = form.constant + time * (form.linear + time * form.quadratic)
-        value = value + form.along * along + form.normal * normal
-        rate = form.linear + 2.0 * time * form.quadratic
-        rate = rate + form.along * along_rate + form.normal * normal_rate
+        value = constant + time * (linear + time * quadratic)
+        value = value + law.along * along + law.normal * normal
+        slope = linear + 2.0 * time * quadratic
+        slope = slope + law.along * along_rate + law.normal * normal_rate
         if (value > 0.0) == falls:
             low = phase
         else:
             high = phase
         following = 0.5 * (low + high)
-        if abs(value) <= abs(rate) * (high - low) and rate != 0.0:
-            newton = phase - value / rate
+        if abs(value) <= abs(slope) * (high - low) and slope != 0.0:
+            newton = phase - value / slope
             if low <= newton <= high:
                 following = newton
         step = abs(following - phase)
@@ -128,19 +110,19 @@ def _bracket_law(work, law):
     start, end = low.phase, high.phase
     if positive != (after > 0.0):
         guess = start + (end - start) * before / (before - after)
-        _add_edge(work, _law_root(work, law, 2, start, end, positive, guess))
+        _add_edge(work, _root(work, law, 2, 0.0, start, end, positive, guess))
         return
     rate_before = law.along * low.along_rate + law.normal * low.normal_rate
     rate_after = law.along * high.along_rate + law.normal * high.normal_rate
     towards_zero = rate_before < 0.0 if positive else rate_before > 0.0
     if towards_zero and (rate_before > 0.0) != (rate_after > 0.0):
-        top = _law_root(work, law, 3, start, end, rate_before > 0.0, 0.5 * (start + end))
+        top = _root(work, law, 3, 0.0, start, end, rate_before > 0.0, 0.5 * (start + end))
         _set_place(work, top, place, 2)
         if (_pull(law, place) > 0.0) != positive:
             guess = 0.5 * (start + top)
-            _add_edge(work, _law_root(work, law, 2, start, top, positive, guess))
+            _add_edge(work, _root(work, law, 2, 0.0, start, top, positive, guess))
             guess = 0.5 * (top + end)
-            _add_edge(work, _law_root(work, law, 2, top, end, not positive, guess))
+            _add_edge(work, _root(work, law, 2, 0.0, top, end, not positive, guess))
 
 
 @kernel
@@ -234,7 +216,7 @@ def _slip(work, row, segment):
     _advance(place, end)
     if stopped and slows:
         guess = body.phase + (end.phase - body.phase) * body.slip / (body.slip - velocity)
-        stop = _motion_root(work, law, 1, body.slip, end.phase, forward, guess)
+        stop = _root(work, law, 1, body.slip, body.phase, end.phase, forward, guess)
         _set_place(work, stop, place, 0)
     body.travel += _path(law, body, place, body.slip)
     if body.measured > 0.0:
@@ -257,16 +239,16 @@ def _landing(work, segment):
     if work[motion.EDGE + 8 * segment + 5] > 0.0:
         if height > 0.0:
             return -1.0
-        return _motion_root(work, law, 0, body.rise, high, True, high)
+        return _root(work, law, 0, body.rise, low, high, True, high)
     rise = body.rise + _gain(law, body, end)
     if body.rise >= 0.0 or (rise <= 0.0 and height > 0.0):
         return -1.0
     if rise > 0.0:
-        high = _motion_root(work, law, 1, body.rise, high, False, 0.5 * (low + high))
+        high = _root(work, law, 1, body.rise, low, high, False, 0.5 * (low + high))
         _set_place(work, high, place, 0)
         if body.height + _path(law, body, place, body.rise) > 0.0:
             return -1.0
-    return _motion_root(work, law, 0, body.rise, high, True, low)
+    return _root(work, law, 0, body.rise, low, high, True, low)
 
 
 @kernel
@@ -320,9 +302,10 @@ def _one_period(work):
 
 # --- the regime ----------------------------------------------------------------------------------
 @kernel
-def _past(work, row):
-    """State of the body some time ago: two periods, one period, at the reference."""
-    return view1(work, motion.PAST + 4 * row, 4)
+def _past(work):
+    """States of the body two periods ago, one period ago, and at the reference."""
+    at = motion.PAST
+    return view1(work, at, 4), view1(work, at + 4, 4), view1(work, at + 8, 4)
 
 
 @kernel
@@ -345,7 +328,7 @@ def _extrapolate(work, scale):
     period changes by the same amount in every period: as many periods as will stay so are skipped.
     No move is longer than `scale`.
     """
-    now, before, last = motion.moving_of(work), _past(work, 0), _past(work, 1)
+    now, (before, last, _) = motion.moving_of(work), _past(work)
     least = motion.body_of(work).least
     if before[3] != now[3] or last[3] != now[3]:
         return False
@@ -383,7 +366,7 @@ def _settle(work):
     for k in range(motion.ROWS):
         for i in range(1, 5):
             scale += wave[k, 0] * wave[k, 0] * abs(wave[k, i])
-    before, last, reference = _past(work, 0), _past(work, 1), _past(work, 2)
+    before, last, reference = _past(work)
     since = 0
     vectors.copy(last, now)
     vectors.copy(reference, now)
@@ -439,7 +422,7 @@ def _throw_number(work):
         _next_node(work, number)
         if low.normal_rate < 0.0 and high.normal_rate >= 0.0:
             start, end, force = low.phase, high.phase, motion.law_of(work, FORCE)
-            lowest = _law_root(work, force, 3, start, end, False, 0.5 * (start + end))
+            lowest = _root(work, force, 3, 0.0, start, end, False, 0.5 * (start + end))
             _set_place(work, lowest, place, 2)
             largest = max(largest, -place.normal)
     return largest
