@@ -220,7 +220,7 @@ class Screen:
         if not 0.0 <= place <= length:
             raise InputError(f"place = {place!r} m is not on the deck: give 0 to {length:g} m")
         self._run(READ_BED, float(place), deck - 1.0)
-        return by_class(self.nodes, self.view("column"), self.config.size_classes.count)
+        return by_class(self.nodes, self.view("column_time"), self.config.size_classes.count)
 
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""

@@ -32,10 +32,11 @@ COMMANDS = {
     "simulate": "Run a screen through a series of feeds and motions in time.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
+    "explore": "Write a page with the screen and the engine inside, and open it.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
-EXTRA = {"build": "fmu"}
+EXTRA = {"build": "fmu", "explore": "explore"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
 MENDABLE = (ConfigError, InputError, ImportError, OSError)
 

@@ -249,7 +249,7 @@ function watch() {
   seen.decks.forEach((deck, d) => {
     for (const place of deck.places) {
       running.run(DO.READ_BED, place, d);
-      deck.bed.push(layers(running, "column", 0, deck));
+      deck.bed.push(layers(running, "column_time", 0, deck));
     }
   });
   if (history.at(-1)?.[0] !== clock) history.push([clock, ...seen.products.map((one) => one.rate / UNIT.rate)]);

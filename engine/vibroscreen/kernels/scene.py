@@ -76,7 +76,7 @@ def velocity_by(buffer, model):
     parameter.displacement_model = model
     solve_displacement(buffer, 0, 0)
     parameter.displacement_model = own
-    return state.vector(buffer, state.AT.displacement_result, state.DISPLACEMENT_RESULT, 0)[0]
+    return state.displacement_result(buffer)[0]
 
 
 @kernel
