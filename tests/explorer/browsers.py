@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 import socket
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -104,7 +105,9 @@ def firefox() -> Iterator[Any]:
         port = free.getsockname()[1]
     browser = Marionette(bin=path, headless=True, host="127.0.0.1", port=port)
     try:
-        browser.start_session()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
+            browser.start_session()
         browser.timeout.script = 300.0
         yield browser
     finally:

@@ -771,8 +771,8 @@ def test_the_bed_along_the_decks_is_what_is_held(name: str) -> None:
             loads = [screen.bed_at(place, number).sum(axis=0) for place in places]
             found += np.mean(loads, axis=0) * deck.length * deck.width
         assert found == pytest.approx(screen.view("held"), rel=0.01, abs=1e-3 * found.sum())
-        # A package that lies over the end of a panel counts on one of the two.
-        assert found.sum() == pytest.approx(screen.record("output").hold_up, rel=6e-3)
+        # A package over the end of a panel counts on one of the two; a pile ends between places.
+        assert found.sum() == pytest.approx(screen.record("output").hold_up, rel=0.01)
 
 
 @pytest.mark.parametrize(

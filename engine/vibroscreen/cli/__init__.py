@@ -32,7 +32,7 @@ COMMANDS = {
     "simulate": "Run a screen through a series of feeds and motions in time.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
-    "explore": "Write a page with the screen and the engine inside, and open it.",
+    "explore": "Write a page with the engine inside, and open it.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.

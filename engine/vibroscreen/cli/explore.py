@@ -29,7 +29,7 @@ def command(
     ] = True,
     changes: Set = None,
 ) -> None:
-    """Write a page with the screen and the engine inside, and open it.
+    """Write a page with the engine inside, and open it.
 
     The page is one file that needs no server and no network: hand it on, open it on a telephone.
     """
