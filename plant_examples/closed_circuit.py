@@ -17,51 +17,46 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 import typer
 from rich.progress import track
 
-from components.conveyor import Conveyor
-from components.crusher import ConeCrusher
 from components.figures import draw_circuit
-from components.mixer import mix
 from components.regimes import SETTLED, Circuit, Regime, by_step, circuit_of, row_of, show
 from components.screen_fmu import RunningScreen, ScreenFmu, build_if_missing
-from components.stream import Array, rosin_rammler
-from vibroscreen.units import MM, T_H
+from vibroscreen.circuit import Belt, Crusher, Flowsheet
+from vibroscreen.units import T_H
 
 HERE = Path(__file__).resolve()
 FMU = HERE.parents[1] / "dist" / "VibratingScreen.fmu"
 PICTURE = HERE.with_suffix(".png")
+CIRCUIT = Flowsheet.load(HERE.with_name("circuits") / "closed.toml")
 SCHEDULE = (
     Regime("300 t/h, 15.5 Hz", 300 * T_H, 15.5),
     Regime("360 t/h, 15.5 Hz", 360 * T_H, 15.5),
     Regime("360 t/h, 13.0 Hz", 360 * T_H, 13.0),
 )
 STEP = 1.0  # s, communication step
-CLOSED_SIDE_SETTING = 14 * MM
-CONVEYOR_DELAY = 40.0  # s: 60 m of belt at 1.5 m/s
-
-
-def fresh_sizes(edges: Array) -> Array:
-    """Mass fraction by class of the fresh feed, an assumed jaw crusher product."""
-    return rosin_rammler(edges, size=40 * MM, exponent=1.1)
 
 
 def run(
     screen: RunningScreen, schedule: tuple[Regime, ...] = SCHEDULE, step: float = STEP
 ) -> Circuit:
     """Start empty and go through the regimes in steps (s) no longer than the conveyor's delay."""
-    crusher = ConeCrusher(screen.edges, CLOSED_SIDE_SETTING)
-    conveyor = Conveyor(CONVEYOR_DELAY, classes=screen.edges.size - 1)
-    sizes = fresh_sizes(screen.edges)
+    edges, (fresh_feed,) = screen.edges, CIRCUIT.feeds
+    crusher, belt = CIRCUIT.unit["crusher"], CIRCUIT.unit["belt"].start(edges)
+    assert isinstance(crusher, Crusher)
+    assert isinstance(belt, Belt)
     rows, held_at_start = [], screen.hold_up
     for regime in track(by_step(schedule, step), "closed circuit", transient=True):
-        fresh = regime.fresh_feed * sizes
-        crusher_feed = mix(fresh, conveyor.unload(step))
-        screened = screen.step(crusher.crush(crusher_feed), regime.frequency, step)
-        conveyor.load(screened.oversize, step)
-        power, held = crusher.power(crusher_feed), screen.hold_up + conveyor.held.sum()
+        fresh = regime.fresh_feed * np.array(fresh_feed.mass_fraction)
+        crusher_feed = fresh + belt.unload(step)
+        crushed = crusher.crush(edges, crusher_feed)
+        screened = screen.step(crushed, regime.frequency, step)
+        belt.load(screened.oversize, step)
+        power = float(crusher.power(edges, crusher_feed, crushed)[0])
+        held = screen.hold_up + belt.held.sum()
         rows.append(row_of(regime, fresh, crusher_feed, screened, power, held))
     return circuit_of(rows, step, held_at_start)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ sys.path[:0] = [str(ENGINE), str(ROOT / "fmu_src")]
 
 import vibroscreen  # noqa: E402
 from vibroscreen import ScreenConfig  # noqa: E402
+from vibroscreen.cli.solved import schema  # noqa: E402
 from vibroscreen_fmu.port import UNITS, Port  # noqa: E402
 from vibroscreen_fmu.ports import ports  # noqa: E402
 
@@ -163,6 +166,39 @@ def display_unit(port: Port) -> str:
     return f" / {display}" if display else ""
 
 
+def solve_page() -> str:
+    """The keys of the document that `vibroscreen solve --json` prints, and its schema."""
+    lines = [
+        "# What solve prints as JSON",
+        "",
+        "The keys of the document of `vibroscreen solve --json`: every one is there, no other. "
+        "Units end the keys, as in the file of a screen; a figure without one is a share of one or "
+        "a ratio. `null` is what there is nothing of, such as the P80 of a product without flow. "
+        "{download}`The schema <solve.schema.json>` (JSON schema, draft 2020-12) says the same to "
+        "programs.",
+        "",
+        "| key | meaning |",
+        "|---|---|",
+    ]
+    lines += [f"| `{key}` | {text} |" for key, text in keys_of(schema(), "")]
+    return "\n".join(lines) + "\n"
+
+
+def keys_of(part: dict[str, Any], name: str) -> Iterator[tuple[str, str]]:
+    """Keys below a part of a schema with what is said of each; of alike streams the first."""
+    if "description" in part and name:
+        yield name, part["description"]
+    inside = part.get("properties", {})
+    if "patternProperties" in part:
+        inside = {"NAME": inside["feed"]}
+    for key, below in inside.items():
+        yield from keys_of(below, f"{name}.{key}" if name else key)
+    items = part.get("items", {})
+    if "properties" in items:
+        for key, below in items["properties"].items():
+            yield from keys_of(below, f"{name}[].{key}")
+
+
 def write_pages(app: Sphinx) -> None:
     folder = HERE / "examples"
     folder.mkdir(exist_ok=True)
@@ -180,6 +216,8 @@ def write_pages(app: Sphinx) -> None:
         + f"```{{toctree}}\n:hidden:\n\n{names}\n```\n",
     )
     put(HERE / "fmu_variables.md", variables_page())
+    put(HERE / "solve_json.md", solve_page())
+    put(HERE / "solve.schema.json", json.dumps(schema(), indent=1) + "\n")
 
 
 def put(path: Path, text: str) -> None:

@@ -158,7 +158,7 @@ Karra's recoveries by class at 200 to 600 t/h, RMSE {fit.rmse:.4f}, each feed ra
   deck: the engine does, and there is nothing to compare.
 
 `hp500_surveys.csv` (cone crusher surveys) holds nothing about screens; it checks the power of the
-crusher in the closed circuit (`tests/examples/test_components.py`).
+crusher in the closed circuit (`tests/circuit/test_units.py`).
 """
 
 

@@ -1,9 +1,10 @@
 """How a steady state stands to what plants find good: green, amber or red, each with its reason.
 
-Limits are those of the trade, rounded; where books differ the wider range is taken. Depths of the
-bed: VSMA. Efficiency: screens are sized for 90 to 95 % (VSMA's factors end at 95 %), 85 % still
-counts as reasonable (Ortega-Rivas, Unit Operations of Particulate Solids, 2012, ch. 9). Throw
-number and K: what linear and circular screens are commonly set to, from no single source.
+Limits are those of the trade, rounded; where books differ the wider range is taken. Areas and
+depths of the bed: VSMA. Efficiency: screens are sized for 90 to 95 % (VSMA's factors end at 95 %),
+85 % still counts as reasonable (Ortega-Rivas, Unit Operations of Particulate Solids, 2012, ch. 9).
+Throw number and K: what linear and circular screens are commonly set to, from no single source.
+Velocity of the bed: VSMA reckons with 45 ft/min on level and 75 ft/min on inclined screens.
 """
 
 from __future__ import annotations
@@ -14,18 +15,22 @@ from dataclasses import dataclass
 
 from vibroscreen.kernels.outputs import deep_in_apertures
 from vibroscreen.results import DeckResult
+from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import MM, PERCENT, T_M3
 
-__all__ = ["AMBER", "GREEN", "RED", "Finding", "findings", "worst"]
+__all__ = ["AMBER", "GREEN", "RED", "Finding", "findings", "sizing_rules", "worst"]
 
 GREEN, AMBER, RED = LEVELS = ("green", "amber", "red")
 
-GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.90, 0.85
+MOST_EFFICIENCY, GOOD_EFFICIENCY, FAIR_EFFICIENCY = 0.95, 0.90, 0.85
 # Of the depth that raises the alarm.
 NEARLY_DEEP = 0.8
 USUAL_THROW = (1.5, 5.0)
 USUAL_K = (2.5, 6.0)
+USUAL_VELOCITY = (0.15, 0.8)  # m/s, about half and twice what VSMA reckons with
+# Efficiencies of model and rules that differ by more; rules among themselves scatter by 0.03.
+APART = 0.1
 # Alarms that say of a result only that a number of it stands for another one.
 MILD = ("alarm.performance",)
 # Alarms that are told as a finding of their own.
@@ -56,6 +61,8 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
         if deck.feed_rate > 0.0:
             yield _efficiency(deck)
             yield _depth(steady, deck)
+            yield _conveying(steady, deck)
+            yield from _rules(deck, sizing_rules(steady)[deck.deck - 1])
     yield _within(
         "throw number",
         steady.throw_number,
@@ -63,13 +70,14 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
         low="the bed is hardly thrown, near-size grains stay in the openings",
         high="hard on the machine, and grains meet the openings less often",
     )
-    yield _within(
-        "acceleration K",
-        steady.acceleration_number,
-        USUAL_K,
-        low="a gentle drive, few tries for a grain",
-        high="boxes are seldom built for it",
-    )
+    if steady.acceleration_number > 0.0:  # it is that of the fundamental, which may be none
+        yield _within(
+            "acceleration K",
+            steady.acceleration_number,
+            USUAL_K,
+            low="a gentle drive, few tries for a grain",
+            high="boxes are seldom built for it",
+        )
     for name, reason in steady.alarm_reasons.items():
         if name not in TOLD:
             yield Finding(AMBER if name in MILD else RED, name, reason)
@@ -103,10 +111,49 @@ def _depth(steady: SteadyResult, deck: DeckResult[float]) -> Finding:
     )
 
 
-def _within(subject: str, value: float, usual: tuple[float, float], low: str, high: str) -> Finding:
+def _conveying(steady: SteadyResult, deck: DeckResult[float]) -> Finding:
+    """Velocity of the bed; where slopes differ the first panel of a deck may be fast."""
+    slopes = {panel.inclination for panel in steady.config.decks[deck.deck - 1].panels}
+    least, most = USUAL_VELOCITY
+    return _within(
+        f"deck {deck.deck}, conveying",
+        deck.transport_velocity,
+        (least, most if len(slopes) == 1 else math.inf),
+        low="the bed is carried slowly and lies deep",
+        high="grains meet few openings on their way",
+        unit=" m/s",
+    )
+
+
+def sizing_rules(steady: SteadyResult) -> tuple[Rules, ...]:
+    """What VSMA and Karra say of every deck under the feed of a steady state."""
+    return rules_of(steady.config.replace(feed=steady.feed))
+
+
+def _rules(deck: DeckResult[float], rule: Rules) -> Iterator[Finding]:
+    """Area of a deck against VSMA, and whether Karra finds another efficiency."""
+    recovery = 0.0 if math.isnan(rule.vsma_recovery) else rule.vsma_recovery
+    level = GREEN if recovery >= GOOD_EFFICIENCY else AMBER if recovery >= FAIR_EFFICIENCY else RED
+    asked = f"VSMA asks for {rule.area_at_95:.3g} m2 for 95 %, the deck has {rule.area:.3g} m2"
+    if recovery < MOST_EFFICIENCY:
+        asked += f", for {recovery / PERCENT:.0f} %" if recovery else ", for less than 70 %"
+    yield Finding(level, f"deck {deck.deck}, area", asked)
+    if abs(deck.efficiency - rule.karra_recovery) > APART and not rule.beyond:
+        yield Finding(
+            AMBER,
+            f"deck {deck.deck}, model and rules",
+            f"this model finds an efficiency of {deck.efficiency / PERCENT:.1f} %, Karra "
+            f"{rule.karra_recovery / PERCENT:.1f} %: calibrate before you design",
+        )
+
+
+def _within(
+    subject: str, value: float, usual: tuple[float, float], low: str, high: str, unit: str = ""
+) -> Finding:
     """A number of the motion against what is usual."""
     least, most = usual
-    said = f"{value:.3g}; usual are {least:g} to {most:g}"
+    range_ = f"{least:g} to {most:g}" if most < math.inf else f"{least:g} and more"
+    said = f"{value:.3g}{unit}; usual are {range_}"
     if least <= value <= most:
         return Finding(GREEN, subject, said)
     return Finding(AMBER, subject, f"{said}: {low if value < least else high}")

@@ -321,10 +321,13 @@ def _retained(
     if total <= 0.0:
         raise InputError("nothing is retained on any sieve: give what was weighed", "sieves")
     pan = sizes[0] == 0.0
+    falls = all(low >= high for low, high in pairwise(values))
+    if total > whole * (1.0 + LOSS) and falls and values[0] <= whole * (1.0 + FALL):
+        return _coarser(sizes, values, label, notes)  # by no sieve alone
     if total > whole * (1.0 + LOSS) or (pan and total < whole * (1.0 - LOSS)):
         raise InputError(
             f"what is retained sums to {total:.6g}, not to {whole:g}: correct it"
-            + ("" if pan else ", or say in the head that it is cumulative"),
+            + (", or say in the head that it is cumulative" if total > whole else ""),
             "sieves",
         )
     if pan or total > whole:

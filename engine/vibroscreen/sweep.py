@@ -383,7 +383,8 @@ def _solve(
     count = len(settings)
     layout = slice_layout(config, designs=CHUNK)
     nodes = nodes_of(config)
-    rebuild = float(count > 1 and not (settings == settings[0]).all())
+    # Nodes are those of the configuration, unless a design has other apertures.
+    rebuild = float(not (settings == _setting(config, layout)[0]).all())
     results = np.zeros((count, layout.shape["design_result"][1]))
     starts = list(range(0, count, CHUNK))
 

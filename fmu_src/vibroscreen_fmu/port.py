@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vibroscreen.units import DEG, KN, KW, MINUTE, MM, RPM, T_H, T_M3, TONNE
+from vibroscreen.units import DEG, KN, KW, KWH_T, MINUTE, MM, RPM, T_H, T_M3, TONNE
 
 __all__ = ["TOLERANCE", "UNITS", "Enumeration", "Port", "Steps", "Unit"]
 
@@ -39,6 +39,7 @@ UNITS = {
     "kg/m3": Unit({"kg": 1, "m": -3}, "t/m3", T_M3, nominal=1000.0),
     "N": Unit({"kg": 1, "m": 1, "s": -2}, "kN", KN, nominal=100_000.0),
     "W": Unit({"kg": 1, "m": 2, "s": -3}, "kW", KW, nominal=10_000.0),
+    "J/kg": Unit({"m": 2, "s": -2}, "kWh/t", KWH_T, nominal=10_000.0),
 }
 
 

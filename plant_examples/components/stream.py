@@ -1,4 +1,4 @@
-"""A stream is its mass flow rate by size class; what it is made of, and that of a typical feed."""
+"""A stream is its mass flow rate by size class; what it is made of."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Rates", "composition", "rosin_rammler"]
+__all__ = ["Array", "Rates", "composition"]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -22,9 +22,3 @@ def composition(stream: Rates, at_rest: Rates) -> Array:
     """
     reference = stream if stream.sum() > 0.0 else at_rest
     return np.asarray(reference / reference.sum())
-
-
-def rosin_rammler(edges: Array, size: float, exponent: float) -> Array:
-    """Mass fraction by class of a feed with 63.2 % finer than `size` m, cut off at the top."""
-    passing = -np.expm1(-((edges / size) ** exponent))
-    return np.diff(passing / passing[-1])

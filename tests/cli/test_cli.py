@@ -94,3 +94,16 @@ def test_public_names() -> None:
     assert vibroscreen.sweep.solve_steady_many is vibroscreen.solve_steady_many
     with pytest.raises(AttributeError, match="has no attribute 'Screan'"):
         vibroscreen.Screan  # noqa: B018
+
+
+def test_completion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shell is told the commands that begin so, and the options of one."""
+    for words, place, told in (
+        ("vibroscreen s", "1", {"solve", "simulate"}),
+        ("vibroscreen solve --p", "2", {"--plot"}),
+    ):
+        monkeypatch.setenv("_VIBROSCREEN_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", place)
+        assert set(run().stdout.split()) >= told
+        assert all(word.startswith(words.split()[-1]) for word in run().stdout.split())

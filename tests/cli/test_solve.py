@@ -23,6 +23,7 @@ from tests.places import SCREENS
 from vibroscreen import Screen, ScreenConfig
 from vibroscreen.cli import app
 from vibroscreen.cli.solved import schema
+from vibroscreen.layout import Layout
 
 QUARRY, TWO_DECK = SCREENS / "quarry.toml", SCREENS / "two_deck.toml"
 
@@ -182,6 +183,29 @@ def test_the_same_with_and_without_a_terminal() -> None:
         assert b"\x1b[" in seen
         plain = seen.replace(b"\r\n", b"\n")
         assert re.sub(rb"\x1b\[[0-9;]*m", b"", plain) == piped
+
+
+def test_a_product_that_does_not_flow() -> None:
+    """A blank plate lets nothing pass: no sizes, no gradation of nothing."""
+    text = run("solve", QUARRY, "--set", "deck[1].panel[1].open_area=0").stdout
+    under = next(row for row in table(text, "Products") if row[0] == "undersize")
+    assert under == ["undersize", "0.0", "0.0", "-", "-"]
+    assert {row[-1] for row in table(text, "Passing, %")[2:]} == {"-"}
+
+
+def test_more_memory_than_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told without a traceback, as of 100 000 packages of 10 000 layers, which are 400 GB."""
+
+    def refuse(layout: Layout) -> None:
+        raise MemoryError(f"unable to allocate {8 * layout.size} bytes")
+
+    monkeypatch.setattr(Layout, "buffer", refuse)
+    done = run("solve", QUARRY)
+    assert done.exit_code == 1
+    assert done.stderr == (
+        "there is not enough memory for this screen: give fewer bed.layers, solver.packages or "
+        "size classes\n"
+    )
 
 
 # --- what is set ---------------------------------------------------------------------------------

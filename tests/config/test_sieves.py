@@ -31,6 +31,7 @@ SAME = {
     "retained fractions": "size_mm retained\n31.5 0\n16 0.35\n8 0.35\n2 0.175\n0 0.125\n",
     "weighed": "sieve mm;retained g\n31.5;0\n16;700\n8;700\n2;350\npan;250\nTotal;2000\n",
     "retained in all": "size_mm;cumulative retained %\n31.5;0\n16;35\n8;70\n2;87.5\npan;100\n",
+    "retained in all, but not said": "size_mm;retained %\n31.5;0\n16;35\n8;70\n2;87.5\npan;100\n",
     "no head, passing": "31.5 100\n16 65\n8 30\n2 12.5\n0 0\n",
     "no head, retained": "31.5 0\n16 35\n8 35\n2 17.5\n0 12.5\n",
     "all columns": "sieve mm;mass g;retained %;cum. retained %;passing %\n31.5;0;0;0;100\n"
@@ -103,7 +104,7 @@ REFUSED = {
     "size_mm;passing\n8;30\nsixteen;100\n": "the file holds no table",
     "size_mm;passing\n8;30\n10;40\nsixteen;100\n": "line 4 ('sixteen;100') is no sieve: give a size",
     "size_mm;retained\n8;30\n16;30\npan;20\n": "what is retained sums to 80, not to 100: correct it",
-    "size_mm;retained\n8;70\n16;60\n": "sums to 130, not to 100: correct it, or say in the head that it",
+    "size_mm;retained\n8;60\n16;70\n": "sums to 130, not to 100: correct it, or say in the head that it",
     "size_mm;retained g\n8;0\n16;0\n": "nothing is retained on any sieve: give what was weighed",
     "size_mm;cum retained\n8;130\n16;60\n": "130 % are retained in all, more than there is",
     "8 20\n16 30\n32 50\n": "only 50 % pass the largest sieve",

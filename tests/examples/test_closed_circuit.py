@@ -12,23 +12,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from closed_circuit import (
-    CLOSED_SIDE_SETTING,
-    CONVEYOR_DELAY,
-    SCHEDULE,
-    answer,
-    fresh_sizes,
-    main,
-    run,
-)
-from components.crusher import ConeCrusher
+from closed_circuit import CIRCUIT, SCHEDULE, answer, main, run
 from components.regimes import Circuit, Regime
 from components.screen_fmu import RefusedStepError, ScreenFmu, ScreenStep
-from components.stream import Rates, rosin_rammler
-from vibroscreen.config import ScreenConfig
-from vibroscreen.motion import Motion
-from vibroscreen.screen import Screen
-from vibroscreen.stream import Feed
+from components.stream import Rates
+from vibroscreen.circuit import Conveyor, Crusher, solve_circuit_many
 from vibroscreen.units import KW, KWH_T, MINUTE, MM, PERCENT, T_H
 
 EDGES = np.array([0, 1, 2, 4, 5.6, 8, 11.2, 16, 22.4, 31.5, 45, 63, 75]) * MM
@@ -49,6 +37,11 @@ class PartitionScreen:
         return ScreenStep(feed - oversize, oversize, power=0.0)
 
 
+CRUSHER, BELT = CIRCUIT.unit["crusher"], CIRCUIT.unit["belt"]
+assert isinstance(CRUSHER, Crusher)
+assert isinstance(BELT, Conveyor)
+TRANSFER = CRUSHER.transfers(EDGES, {})["product"][0]
+FRESH = np.array(CIRCUIT.feeds[0].mass_fraction)
 IDEAL = np.where(EDGES[1:] <= 16 * MM, 0.0, 1.0)  # cuts at 16 mm without error
 BLUNT = np.clip(EDGES[1:] / (20 * MM), 0.05, 1.0)  # leaves undersize in the oversize
 
@@ -56,11 +49,10 @@ BLUNT = np.clip(EDGES[1:] / (20 * MM), 0.05, 1.0)  # leaves undersize in the ove
 @pytest.mark.parametrize("to_oversize", [IDEAL, BLUNT], ids=["ideal", "blunt"])
 def test_circulating_load_is_that_of_the_linear_system(to_oversize: Rates) -> None:
     """Oversize o = S T (f + o), T the crusher, S the screen: o = (I - S T)^-1 S T f."""
-    crusher = ConeCrusher(EDGES, CLOSED_SIDE_SETTING)
-    loop = to_oversize[:, None] * crusher.transfer
-    fresh = fresh_sizes(EDGES)
+    loop = to_oversize[:, None] * TRANSFER
+    fresh = FRESH
     expected = np.linalg.solve(np.eye(fresh.size) - loop, loop @ fresh).sum()
-    schedule = (Regime("one", 300 * T_H, 15.5, 100 * CONVEYOR_DELAY),)
+    schedule = (Regime("one", 300 * T_H, 15.5, 100 * BELT.delay),)
     circuit = run(PartitionScreen(EDGES, to_oversize), schedule, step=8.0)
     regime = circuit.regimes.iloc[0]
     assert regime["circulating load, %"] == pytest.approx(100 * expected, rel=1e-9)
@@ -71,12 +63,11 @@ def test_circulating_load_is_that_of_the_linear_system(to_oversize: Rates) -> No
 
 def test_each_turn_takes_the_delay() -> None:
     """In turn n the product is (I - S) T sum over k <= n of (S T)^k f: stairs of 40 s."""
-    crusher = ConeCrusher(EDGES, CLOSED_SIDE_SETTING)
-    fresh = 300 * T_H * fresh_sizes(EDGES)
+    fresh = 300 * T_H * FRESH
     circuit = run(PartitionScreen(EDGES, IDEAL), (Regime("one", 300 * T_H, 15.5, 160.0),))
     returned, stairs = np.zeros(fresh.size), []
     for _ in range(4):
-        screened = crusher.crush(fresh + returned)
+        screened = TRANSFER @ (fresh + returned)
         returned = screened * IDEAL
         stairs.append((screened - returned).sum())
     assert_allclose(circuit.history["product"], np.repeat(stairs, 40), rtol=1e-12)
@@ -88,13 +79,6 @@ def test_the_balance_holds_while_the_circuit_fills_and_changes() -> None:
     circuit = run(PartitionScreen(EDGES, BLUNT), schedule, step=0.7)
     assert circuit.history["held"].iloc[-1] > 1000.0
     assert abs(circuit.balance_error) < 1e-12 * circuit.fed
-
-
-def test_rosin_rammler_by_hand() -> None:
-    """1 - exp(-1) is finer than the size 63.2 %; the cut off share is given to all classes."""
-    fractions = rosin_rammler(np.array([0.0, 1.0, 2.0]), size=1.0, exponent=1.0)
-    share = (1 - np.exp(-1)) / (1 - np.exp(-2))
-    assert_allclose(fractions, [share, 1 - share], rtol=1e-14)
 
 
 def test_the_answer_follows_from_the_regimes() -> None:
@@ -171,21 +155,15 @@ def test_example_reaches_steady_states(example: tuple[Circuit, Path]) -> None:
 def test_example_agrees_with_the_steady_circuit(example: tuple[Circuit, Path]) -> None:
     """The end of each regime is the fixed point of crusher and steady screen, within 0.5 %.
 
-    The screen is solved by `Screen.solve_steady` here: no FMU, no conveyor, no time.
+    The circuit is solved by `solve_circuit_many` here: no FMU, no conveyor, no time.
     """
     circuit, _ = example
-    config = ScreenConfig.default()
-    edges = np.array(config.size_classes.edges)
-    screen, crusher = Screen(config), ConeCrusher(edges, CLOSED_SIDE_SETTING)
-    for regime, load in zip(SCHEDULE, circuit.regimes["circulating load, %"], strict=True):
-        fresh = regime.fresh_feed * fresh_sizes(edges)
-        motion = Motion.linear(config.motion.amplitude, regime.frequency, config.motion.throw_angle)
-        oversize = np.zeros(fresh.size)
-        for _ in range(25):
-            crushed = crusher.crush(fresh + oversize)
-            feed = Feed(crushed.sum(), tuple(crushed / crushed.sum()))
-            oversize = screen.solve_steady(feed, motion).oversize.class_rates
-        assert load * PERCENT == pytest.approx(oversize.sum() / fresh.sum(), rel=5e-3)
+    values = {
+        "fresh.mass_flow_rate": np.array([regime.fresh_feed for regime in SCHEDULE]),
+        "screen.motion.frequency": np.array([regime.frequency for regime in SCHEDULE]),
+    }
+    expected = solve_circuit_many(CIRCUIT, values).circulating_load
+    assert_allclose(circuit.regimes["circulating load, %"] * PERCENT, expected, rtol=5e-3)
 
 
 def test_example_headline(example: tuple[Circuit, Path]) -> None:

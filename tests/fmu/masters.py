@@ -13,27 +13,31 @@ import subprocess
 import sys
 from pathlib import Path
 
-from circuit_of_fmus import (
-    DURATION,
-    ELEMENTS,
-    FRESH_FEED,
-    OVERSIZE,
-    SSP,
-    STEP,
-    STREAMS,
-    WIRES,
-    run,
-)
+from circuit_of_fmus import DURATION, FRESH_FEED, OVERSIZE, SSP, STEP, run
+from vibroscreen_fmu.circuit.ssp import Circuit
 
+ELEMENTS = ("mixer", "crusher", "screen", "belt")  # each in an FMU of that name
+STREAMS = (
+    ("mixer", "product", "crusher", "feed"),
+    ("crusher", "product", "screen", "feed"),
+    ("screen", "oversize", "belt", "feed"),
+    ("belt", "product", "mixer", "feed[2]"),
+)
+CLASSES = 12
 NANOSECONDS = 1_000_000_000
 # An iterating master solves every step anew: longer steps, and no delay that they add.
 LONG_STEP = 20.0
 CONTAINER = "closed_circuit_container"
 
 
+def circuit_in(folder: Path) -> Circuit:
+    """The FMUs in a folder, wired as the flowsheet says."""
+    return Circuit({name: folder / f"{name}.fmu" for name in ELEMENTS}, STREAMS, CLASSES)
+
+
 def fmpy_loop(folder: Path) -> float:
     """A script that steps element by element."""
-    return run({element: folder / f"{model}.fmu" for element, model in ELEMENTS.items()})
+    return run(circuit_in(folder))
 
 
 def fmpy_ssp(folder: Path) -> float:
@@ -83,13 +87,13 @@ def container(folder: Path) -> float:
     from fmpy import simulate_fmu
 
     lines = ["rule;from_fmu;from_port;to_fmu;to_port"]
-    lines += [f"FMU;{model}.fmu;;;" for model in ELEMENTS.values()]
+    lines += [f"FMU;{element}.fmu;;;" for element in ELEMENTS]
     lines += [
-        f"LINK;{ELEMENTS[source]}.fmu;{output};{ELEMENTS[target]}.fmu;{given}"
+        f"LINK;{source}.fmu;{output};{target}.fmu;{given}"
         for source, output, target, given in STREAMS
     ]
     element, variable = OVERSIZE
-    lines.append(f"OUTPUT;{ELEMENTS[element]}.fmu;{variable};;oversize")
+    lines.append(f"OUTPUT;{element}.fmu;{variable};;oversize")
     (folder / f"{CONTAINER}.csv").write_text("\n".join(lines) + "\n")
     tool = "from fmu_manipulation_toolbox.cli.fmucontainer import fmucontainer as f; f()"
     command = [sys.executable, "-c", tool, "-no-auto-output"]
@@ -111,17 +115,17 @@ def pathsim(folder: Path) -> float:
     from pathsim_fmi import CoSimulationFMU
 
     units = {
-        element: CoSimulationFMU(str(folder / f"{model}.fmu"), element, dt=STEP)
-        for element, model in ELEMENTS.items()
+        element: CoSimulationFMU(str(folder / f"{element}.fmu"), element, dt=STEP)
+        for element in ELEMENTS
     }
     wires = [
         Connection(units[source][output], units[target][given])
-        for source, output, target, given in WIRES
+        for source, output, target, given in circuit_in(folder).wires
     ]
-    wired = {(target, given) for _, _, target, given in WIRES}
+    wired = {(target, given) for _, _, target, given in circuit_in(folder).wires}
     constants = []
     for element, unit in units.items():
-        for name, value in inputs(folder / f"{ELEMENTS[element]}.fmu").items():
+        for name, value in inputs(folder / f"{element}.fmu").items():
             if (element, name) not in wired:
                 constants.append(Constant(value))
                 wires.append(Connection(constants[-1], unit[name]))
@@ -137,17 +141,17 @@ def gemseo(folder: Path) -> float:
 
     outputs: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
     given: dict[str, dict[str, str]] = {element: {} for element in ELEMENTS}
-    for source, output, target, name in WIRES:
+    for source, output, target, name in circuit_in(folder).wires:
         outputs[source][output] = given[target][name] = f"{source}.{output}"
     units = [
         DoStepFMUDiscipline(
-            folder / f"{model}.fmu",
+            folder / f"{element}.fmu",
             input_names=tuple(given[element]),
             output_names=tuple(outputs[element]),
             name=element,
             variable_names=outputs[element] | given[element],
         )
-        for element, model in ELEMENTS.items()
+        for element in ELEMENTS
     ]
     system = TimeSteppingSystem(units, DURATION, STEP, mda_name="MDAGaussSeidel")
     return float(system.execute()[".".join(OVERSIZE)][-1] / FRESH_FEED)
@@ -179,7 +183,7 @@ def cofmupy_iterative(folder: Path) -> float:
 def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> float:
     from cofmupy import Coordinator
 
-    paths = {element: folder / f"{model}.fmu" for element, model in ELEMENTS.items()}
+    paths = circuit_in(folder).fmus
     configuration = {
         "fmus": [
             {"id": element, "name": element, "path": str(path), "initialization": inputs(path)}
@@ -190,7 +194,7 @@ def _cofmupy(folder: Path, method: str, *, iterative: bool, step: float) -> floa
                 "source": {"id": source, "variable": output, "unit": "", "type": "fmu"},
                 "target": [{"id": target, "variable": given, "unit": "", "type": "fmu"}],
             }
-            for source, output, target, given in WIRES
+            for source, output, target, given in circuit_in(folder).wires
         ],
         "cosim_method": method,
         "iterative": iterative,

@@ -17,7 +17,7 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 import build_fmu
-from circuit_of_fmus import ELEMENTS, expected_load, main, write_circuit
+from circuit_of_fmus import expected_load, main, write_circuit
 from tests.fmu import masters
 from tests.places import ROOT
 from vibroscreen.config import ScreenConfig
@@ -117,7 +117,7 @@ def test_tools_with_an_fmpy_of_their_own_find_the_same_load(
     assert load == pytest.approx(expected(), abs=ENGINE_ERROR)
 
 
-@pytest.mark.parametrize("model", ELEMENTS.values())
+@pytest.mark.parametrize("model", masters.ELEMENTS)
 def test_checkers_find_no_problem(circuit: Path, model: str) -> None:
     path = circuit / f"{model}.fmu"
     assert validate_fmu(str(path)) == []
@@ -129,7 +129,7 @@ def test_checkers_find_no_problem(circuit: Path, model: str) -> None:
     assert [line for line in said if not line.startswith("INFO ")] == []
 
 
-@pytest.mark.parametrize("model", ["Mixer", "ConeCrusher", "Conveyor"])
+@pytest.mark.parametrize("model", ["mixer", "crusher", "belt"])
 def test_small_units_need_no_compiler(circuit: Path, model: str) -> None:
     """Nothing but numpy, so that they start at once."""
     path = circuit / f"{model}.fmu"
@@ -144,7 +144,7 @@ def test_small_units_need_no_compiler(circuit: Path, model: str) -> None:
 
 
 def test_a_loop_is_no_algebraic_loop(circuit: Path) -> None:
-    for model in ELEMENTS.values():
+    for model in masters.ELEMENTS:
         description = read_model_description(str(circuit / f"{model}.fmu"))
         assert all(unknown.dependencies == [] for unknown in description.outputs), model
 

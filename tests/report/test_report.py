@@ -16,8 +16,10 @@ import pytest
 
 from tests.places import ROOT, SCREENS
 from vibroscreen import InputError, Screen, ScreenConfig, report
-from vibroscreen.report.contents import BOX, DECK, LOAD, UNITS, text_of
+from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, UNITS, text_of
 from vibroscreen.report.specification import Specification, read_specification
+from vibroscreen.sections import Deck, Panel
+from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import KW, MM, PERCENT, T_H
 
@@ -76,7 +78,13 @@ def page(double: SteadyResult) -> str:
 def test_the_page_is_valid_and_whole_in_itself(
     page: str, double: SteadyResult, banana: SteadyResult
 ) -> None:
-    for one in (page, report.html(double, banana)):
+    decks = tuple(
+        Deck(2.4, (Panel(3.0, 0.2, 1.2 * size * MM), Panel(3.0, 0.1, size * MM)))
+        for size in (45.0, 22.0, 11.0, 4.0)
+    )
+    four = Screen(ScreenConfig.default().replace(decks=decks)).solve_steady()
+    band = Specification("intermediate[3]", [4.0 * MM, 11.0 * MM], [0.0, 0.9], [0.1, 1.0])
+    for one in (page, report.html(double, banana), report.html(four, four, [band])):
         tree = parsed(one)
         assert len(one.encode()) < 1e6
         assert tree.find("head/meta[@name='viewport']") is not None
@@ -100,6 +108,9 @@ def test_every_deck_has_the_numbers_of_its_result(page: str, double: SteadyResul
     found = rows(parsed(page))
     for figure in (*DECK, *LOAD):
         wanted = [getattr(deck, figure.scalar) for deck in double.decks]
+        assert any(same(values, wanted) for values in found[figure.label]), figure.label
+    for figure in RULES:
+        wanted = [getattr(rule, figure.scalar) for rule in rules_of(DOUBLE)]
         assert any(same(values, wanted) for values in found[figure.label]), figure.label
     for figure in BOX:
         assert [getattr(double, figure.scalar)] in found[figure.label]
@@ -215,7 +226,7 @@ def test_products_against_their_specification(double: SteadyResult, tmp_path: Pa
     lights = {text(li) for li in tree.iter("li") if "specification" in text(li)}
     assert lights == {
         "act: undersize, specification51.3 % finer than 2.5 mm, not 30.0 to 45.0 %",
-        "good: intermediate[1], specificationwithin its limits at 1 sizes",
+        "good: intermediate 1, specificationwithin its limits at 1 sizes",
     }
 
 

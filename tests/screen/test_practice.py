@@ -6,9 +6,11 @@ import dataclasses
 
 import pytest
 
-from tests.places import DATA
+from tests.places import DATA, SCREENS
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.practice import AMBER, GREEN, RED, Finding, findings, worst
+from vibroscreen.sections import Displacement
+from vibroscreen.sizing_rules import rules_of
 from vibroscreen.units import T_H
 
 SCREEN = Screen(ScreenConfig.default())
@@ -49,6 +51,29 @@ def test_the_motion_against_what_is_usual(frequency: float, throw: str, k: str) 
     assert (told["throw number"].level, told["acceleration K"].level) == (throw, k)
 
 
+def test_how_fast_the_bed_rides() -> None:
+    """Amber where it is slow or fast; the first panel of a banana deck may be fast."""
+    told = found(100.0)["deck 1, conveying"]
+    velocity = SCREEN.solve_steady(Feed(100.0 * T_H, DUTY)).decks[0].transport_velocity
+    assert told == Finding(GREEN, "deck 1, conveying", f"{velocity:.3g} m/s; usual are 0.15 to 0.8")
+    for velocity, level, why in (
+        (0.1, AMBER, ": the bed is carried slowly and lies deep"),
+        (0.5, GREEN, ""),
+        (1.2, AMBER, ": grains meet few openings on their way"),
+    ):
+        config = SCREEN.config.replace(displacement=Displacement("prescribed", velocity))
+        one = {f.subject: f for f in findings(Screen(config).solve_steady())}["deck 1, conveying"]
+        assert one.level == level
+        assert one.reason == f"{velocity:g} m/s; usual are 0.15 to 0.8{why}"
+    banana = ScreenConfig.load(
+        SCREENS / "banana.toml",
+        {"displacement.velocity_m_s": 1.2, "displacement.model": "prescribed"},
+    )
+    one = {f.subject: f for f in findings(Screen(banana).solve_steady())}["deck 1, conveying"]
+    assert one.level == GREEN
+    assert one.reason.endswith(" m/s; usual are 0.15 and more")
+
+
 def test_a_deep_bed_is_red_by_the_rule_of_its_alarm() -> None:
     steady = SCREEN.solve_steady(Feed(900.0 * T_H, DUTY))
     assert "alarm.bed_depth" in steady.alarms
@@ -56,6 +81,32 @@ def test_a_deep_bed_is_red_by_the_rule_of_its_alarm() -> None:
     assert one.level == RED
     assert one.reason.endswith("at 1.6 t/m3 up to 5 are good practice")
     assert worst(findings(steady)) == RED
+
+
+def test_the_area_against_sizing_rules() -> None:
+    """At the rates at which VSMA finds 95 % just possible, and a half more."""
+    rule = rules_of(SCREEN.config)[0]
+    full = 300.0 / rule.load  # t/h; VSMA's area goes with the rate
+    for part, level, enough in (
+        (0.99, GREEN, ""),
+        (1.14, GREEN, ", for 90 %"),
+        (1.2, AMBER, ", for 89 %"),
+        (1.36, RED, ", for 85 %"),
+        (2.5, RED, ", for less than 70 %"),
+    ):
+        one = found(part * full)["deck 1, area"]
+        asked = f"VSMA asks for {14.4 * part:.3g} m2 for 95 %, the deck has 14.4 m2"
+        assert (one.level, one.reason) == (level, f"{asked}{enough}")
+
+
+def test_a_model_far_from_the_rules_is_amber() -> None:
+    """With grains that hardly pass, where Karra finds the same as before."""
+    lazy = SCREEN.config.with_values({"passage.velocity": 0.01})
+    told = {one.subject: one for one in findings(Screen(lazy).solve_steady())}
+    one = told["deck 1, model and rules"]
+    assert one.level == AMBER
+    karra = rules_of(lazy)[0].karra_recovery
+    assert f"Karra {100.0 * karra:.1f} %: calibrate" in one.reason
 
 
 def test_alarms_are_told_with_their_reasons() -> None:

@@ -207,3 +207,13 @@ def test_every_place_is_that_of_its_name() -> None:
     assert found["material.bulk_density"] == layout.offset["parameter"] - first
     assert found["deck[2].panel[2].aperture"] == layout.offset["panel"] + 17 - first
     assert len(set(found.values())) == len(found)
+
+
+def test_a_design_alone_has_its_own_nodes() -> None:
+    """One design, or all alike, with another aperture than the configuration: as `Screen` says."""
+    config = ScreenConfig.default()
+    name = "deck[1].panel[1].aperture"
+    alone = Screen(config.with_values({name: 0.018})).solve_steady().undersize.class_rates
+    for count in (1, 3):
+        table = solve_steady_many(config, {name: np.full(count, 0.018)})
+        np.testing.assert_allclose(table.undersize, np.tile(alone, (count, 1)), rtol=1e-13)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -481,7 +482,7 @@ def test_command_line(tmp_path: Path) -> None:
     assert "warning" not in result.output
 
 
-def test_command_line_tells_errors(tmp_path: Path) -> None:
+def test_command_line_tells_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No traceback: the message and what to do."""
     survey, toml = tmp_path / "survey.csv", tmp_path / "screen.toml"
     survey.write_text(survey_of(surveyed()))
@@ -490,6 +491,23 @@ def test_command_line_tells_errors(tmp_path: Path) -> None:
     bad = run(app, ["calibrate", str(survey), str(toml), "--fit", "passage.velocity=1"])
     assert bad.exit_code == 1
     assert "write passage.velocity=LOWER:UPPER" in bad.stderr
+    for wrong, told in (
+        ("passage.velocity=a:b", "'a:b' are no bounds: write passage.velocity=LOWER:UPPER"),
+        ("passage.velocity=2:1", "has the lower bound 2, not below the upper one 1"),
+        ("passage.speed", "passage.speed is not a number of this screen: give the name of a"),
+        ("segregation.mixing", "segregation.mixing = 0 gives no bounds: write segregation.mixing="),
+    ):
+        bad = run(app, ["calibrate", str(survey), str(toml), "--fit", wrong])
+        assert bad.exit_code == 1
+        assert told in bad.stderr
+    bad = run(app, ["calibrate", str(survey), str(toml), "--starts", "0"])
+    assert bad.exit_code == 2
+    assert "Invalid value for '--starts'" in bad.stderr
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "scipy", None)
+        bad = run(app, ["calibrate", str(survey), str(toml)])
+        assert bad.exit_code == 1
+        assert bad.stderr.endswith("pip install 'vibroscreen[calibrate]'\n")
     bad = run(app, ["calibrate", str(tmp_path / "none.csv"), str(toml)])
     assert bad.exit_code == 1
     assert "none.csv" in bad.stderr

@@ -28,9 +28,11 @@ __all__ = ["COMMANDS", "app", "main"]
 # they are named; those of packages that stand on this one are known by name only.
 COMMANDS = {
     "new": "Write the file of a screen: asks, or takes a sieve analysis.",
+    "check": "Tell what is wrong or unusual about a screen and its duty.",
     "solve": "Print the steady state of a screen under its duty.",
     "simulate": "Run a screen through a series of feeds and motions in time.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
+    "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
     "explore": "Write a page with the engine inside, and open it.",
 }
@@ -38,7 +40,7 @@ ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
 EXTRA = {"build": "fmu", "explore": "explore"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
-MENDABLE = (ConfigError, InputError, ImportError, OSError)
+MENDABLE = (ConfigError, InputError, ImportError, OSError, MemoryError)
 
 
 class _Commands(TyperGroup):

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, en
 from vibroscreen.cli.solved import labels_of, two_lines
 from vibroscreen.cli.terminal import picture, progress, say, table
 from vibroscreen.config import ScreenConfig
+from vibroscreen.report.pictures import COLOURS, DASHES, FEED, STEEL, deck_name, styled
 from vibroscreen.results import StepResult
 from vibroscreen.series import Series, read_series, run_series
 from vibroscreen.units import HOUR, KW, KWH, MINUTE, MM, T_H, TONNE
@@ -195,41 +197,35 @@ def _energy(rows: Sequence[Row]) -> float:
 
 def _drawn(config: ScreenConfig, rows: Sequence[Row]) -> Figure:
     """Streams, beds and power over the time; shaded where an alarm is set."""
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError(
-            "pictures need matplotlib, which is not installed: pip install 'vibroscreen[calibrate]'"
-        ) from None
     last = rows[-1]["time_s"]
-    unit, factor = (
-        ("h", HOUR) if last > 3.0 * HOUR else ("min", MINUTE) if last > 300.0 else ("s", 1.0)
-    )
+    units = (("h", HOUR, 3.0 * HOUR), ("min", MINUTE, 5.0 * MINUTE), ("s", 1.0, 0.0))
+    unit, factor, _ = next(one for one in units if last > one[2])
     times = [0.0, *(row["time_s"] / factor for row in rows)]
+    with styled():
+        from matplotlib.figure import Figure
 
-    def means(name: str) -> list[float]:
-        return [rows[0][name], *(row[name] for row in rows)]
-
-    with rc_context({"text.parse_math": False}):
-        figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+        figure = Figure(figsize=(7.4, 6.0), layout="constrained")
         streams, beds, power = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
         names = (name for name in rows[0] if name.endswith("_t_h"))
-        for name, label in zip(names, labels_of(len(config.decks)), strict=True):
-            colour = "0.3" if label == "feed" else None
-            streams.step(times, means(name), where="pre", label=label, color=colour)
-        for k, deck in enumerate(config.decks, start=1):
+        lines = zip(cycle(COLOURS), cycle(DASHES), strict=False)
+        looks = [{"color": colour, "linestyle": dashes} for colour, dashes in islice(lines, 5)]
+        labels = labels_of(len(config.decks))
+        looks_of_streams = [{"color": FEED}, *looks[: len(labels) - 1]]
+        for name, label, look in zip(names, labels, looks_of_streams, strict=True):
+            means = [rows[0][name], *(row[name] for row in rows)]
+            streams.step(times, means, where="pre", label=label, **look)
+        for k, (deck, look) in enumerate(zip(config.decks, looks, strict=False), start=1):
             depths = [row[f"deck[{k}].depth_discharge_mm"] for row in rows]
-            label = f"deck {k}, {deck.panels[-1].aperture / MM:g} mm"
-            beds.plot(times[1:], depths, label=label)
-        power.plot(times[1:], [row["drive_power_kw"] for row in rows], color="C3")
-        for begin, stop, row in zip(times[:-1], times[1:], rows, strict=True):
-            if row["alarms"]:
-                for axes in (streams, beds, power):
-                    axes.axvspan(begin, stop, color="C1", alpha=0.15, linewidth=0)
-        streams.set(title=config.name[:80], ylabel="t/h", ylim=(0.0, None))
-        beds.set(ylabel="bed at the\ndischarge, mm", ylim=(0.0, None))
-        power.set(ylabel="drive, kW", xlabel=f"time, {unit}", ylim=(0.0, None))
+            beds.plot(times[1:], depths, label=deck_name(k, deck), **look)
+        power.plot(times[1:], [row["drive_power_kw"] for row in rows], color=STEEL)
+        alarms = [bool(rows[0]["alarms"]), *(bool(row["alarms"]) for row in rows)]
+        for axes in (streams, beds, power):
+            across = axes.get_xaxis_transform()
+            shade = {"color": "#d55e00", "alpha": 0.15, "linewidth": 0}
+            axes.fill_between(times, 0, 1, alarms, step="pre", transform=across, **shade)
+        streams.set(title=config.name[:80], ylabel="t/h (shaded: alarms)", ylim=(0.0, None))
+        beds.set(ylabel="bed at the\ndischarge [mm]", ylim=(0.0, None))
+        power.set(ylabel="drive [kW]", xlabel=f"time [{unit}]", ylim=(0.0, None))
         for axes in (streams, beds):
-            axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return figure

@@ -10,13 +10,21 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, end, load, one_format
-from vibroscreen.cli.solved import document, labels_of, rows, streams_of, two_lines
+from vibroscreen.cli.solved import (
+    described,
+    document,
+    figure,
+    labels_of,
+    rows,
+    streams_of,
+    two_lines,
+)
 from vibroscreen.cli.terminal import picture, say, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
 from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
-from vibroscreen.units import DEG, KN, KW, MM, PERCENT, RPM, T_H
+from vibroscreen.units import KN, KW, MM, PERCENT, T_H
 
 EXAMPLES = """vibroscreen solve screen.toml
 vibroscreen solve screen.toml --set feed.rate_t_h=350 --set motion.frequency_hz=16
@@ -48,7 +56,7 @@ def command(
 
 
 def _print(config: ScreenConfig, steady: SteadyResult) -> None:
-    say(f"{config.name}: {_described(config)}", "bold")
+    say(f"{config.name}: {described(config)}", "bold")
     say()
     _print_products(steady)
     _print_decks(steady)
@@ -64,36 +72,13 @@ def _print(config: ScreenConfig, steady: SteadyResult) -> None:
         say("No alarms")
 
 
-def _described(config: ScreenConfig) -> str:
-    """Size, apertures, vibration and feed in a line."""
-    top, motion = config.decks[0], config.motion
-    apertures = " / ".join(
-        "+".join(dict.fromkeys(f"{panel.aperture / MM:g}" for panel in deck.panels))
-        for deck in config.decks
-    )
-    return (
-        f"{figure(top.length)} x {figure(top.width)} m, {apertures} mm, "
-        f"{figure(top.panels[0].inclination / DEG)} deg, stroke "
-        f"{figure(2.0 * motion.amplitude / MM)} mm at {figure(motion.frequency / RPM)} 1/min, "
-        f"{figure(config.feed.mass_flow_rate / T_H)} t/h"
-    )
-
-
-def figure(value: float, digits: int = 4) -> str:
-    """A number with so many digits, a dash for none; never a power of ten."""
-    if not math.isfinite(value):
-        return "-"
-    text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text else text
-
-
 def _print_products(steady: SteadyResult) -> None:
     """Rates and sizes of the products, passing at every limit, rates by class; with totals."""
     streams, classes = streams_of(steady), steady.config.size_classes
     decks, fed = len(steady.decks), steady.feed.mass_flow_rate
     labels = labels_of(decks)
     heads = ["\n" + label if decks == 1 else two_lines(label) for label in labels]
-    places = max(0, 3 - math.floor(math.log10(fed / T_H)))
+    places = min(max(0, 3 - math.floor(math.log10(fed / T_H))), 6)
     products = [stream for name, stream in streams.items() if name != "feed"]
 
     def rate(value: float) -> str:
@@ -114,7 +99,10 @@ def _print_products(steady: SteadyResult) -> None:
     table("Products", ("", "t/h", "% of feed", "P80 mm", "P50 mm"), lines)
     say()
     edges = [f"{edge / MM:g}" for edge in classes.edges]
-    passing = [[f"{100.0 * value:.1f}" for value in stream.passing] for stream in streams.values()]
+    passing = [
+        [f"{value / PERCENT:.1f}" if stream.rate > 0.0 else "-" for value in stream.passing]
+        for stream in streams.values()
+    ]
     lines = list(zip(edges, *passing, strict=True))
     table("Passing, %", ("\nsize mm", *heads), reversed(lines))
     say()

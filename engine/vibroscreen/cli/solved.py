@@ -1,4 +1,4 @@
-"""A steady state for machines: the document of `solve --json`, its schema, the table of `--csv`.
+"""A steady state in words, and for machines: the document of `solve --json`, its schema, a table.
 
 The keys of figures follow from `figures.py`: the name in Python and the unit, as keys of a screen
 file have it; without a unit it is a share of one or a ratio. null is what there is nothing of.
@@ -14,13 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vibroscreen
+from vibroscreen.config import ScreenConfig
 from vibroscreen.fields import from_si
 from vibroscreen.figures import ALARMS, DECK, BoxFigures, Figure, figures_of
 from vibroscreen.sizing_rules import Rules, rules_of
 from vibroscreen.steady import SteadyResult
-from vibroscreen.units import KN, KW, MM, T_H
+from vibroscreen.units import DEG, KN, KW, MM, RPM, T_H
 
-__all__ = ["Product", "document", "labels_of", "rows", "schema", "streams_of", "two_lines"]
+__all__ = [
+    "Product",
+    "described",
+    "document",
+    "figure",
+    "labels_of",
+    "rows",
+    "schema",
+    "streams_of",
+    "two_lines",
+]
 
 Array = NDArray[np.float64]
 
@@ -85,6 +96,29 @@ def streams_of(steady: SteadyResult) -> dict[str, Product]:
     sizes = [steady.undersize_p80, steady.undersize_p50]
     found["undersize"] = Product(under.mass_flow_rate, under.mass_fraction, *sizes)
     return found
+
+
+def described(config: ScreenConfig) -> str:
+    """Size, apertures, vibration and feed in a line."""
+    top, motion = config.decks[0], config.motion
+    apertures = " / ".join(
+        "+".join(dict.fromkeys(f"{panel.aperture / MM:g}" for panel in deck.panels))
+        for deck in config.decks
+    )
+    return (
+        f"{figure(top.length)} x {figure(top.width)} m, {apertures} mm, "
+        f"{figure(top.panels[0].inclination / DEG)} deg, stroke "
+        f"{figure(2.0 * motion.amplitude / MM)} mm at {figure(motion.frequency / RPM)} 1/min, "
+        f"{figure(config.feed.mass_flow_rate / T_H)} t/h"
+    )
+
+
+def figure(value: float, digits: int = 4) -> str:
+    """A number with so many digits, a dash for none; never a power of ten."""
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
 
 
 def labels_of(decks: int) -> list[str]:
@@ -193,7 +227,8 @@ def schema() -> dict[str, Any]:
             edges_mm=_told(_list({"type": "number"}), "Limits of the size classes, finest first"),
             streams={
                 **_table(**named),
-                "description": "Feed and products; intermediate[k] leaves over deck k + 1",
+                "description": "Feed and products by NAME: feed, oversize (over deck 1), "
+                "intermediate[k] (over deck k + 1), undersize (through the lowest deck)",
                 "patternProperties": {r"^intermediate\[\d+\]$": stream},
             },
             recovery=_told(_list(share), "Part of every class that reaches the undersize"),

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
@@ -69,6 +69,11 @@ def told(error: BaseException) -> str:
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    if isinstance(error, MemoryError):
+        text = (
+            "there is not enough memory for this screen: give fewer bed.layers, solver.packages or "
+            "size classes"
+        )
     return "\n".join([text, *getattr(error, "__notes__", ())])
 
 
@@ -89,14 +94,28 @@ def picture(figure: Figure, path: Path) -> None:
     written(path)
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table: the first column to the left, numbers to the right."""
-    found = Table(box=None, pad_edge=False)
+def table(
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: int = 1,
+    colours: Sequence[str] = (),
+) -> None:
+    """Print a table: so many columns to the left, numbers to the right.
+
+    colours: of the first cell of every row.
+    """
+    found = Table(box=None, pad_edge=False, show_header=any(columns))
     for place, column in enumerate(columns):
-        found.add_column(_text(column), justify="right" if place else "left", overflow="fold")
-    for row in rows:
-        found.add_row(*map(_text, row))
-    say(title, "bold")
+        justify: JustifyMethod = "left" if place < left else "right"
+        found.add_column(_text(column), justify=justify, overflow="fold")
+    for place, row in enumerate(rows):
+        cells = [*map(_text, row)]
+        if colours:
+            cells[0].stylize(colours[place])
+        found.add_row(*cells)
+    if title:
+        say(title, "bold")
     _console().print(found)
 
 

@@ -16,15 +16,8 @@ from vibroscreen.kernels.scene import keep_scenes, prepare_scenes
 BEFORE_BOUNCE = state.SCENE.index("passage_velocity") + 1
 BEFORE_TRANSPORT = state.SCENE.index("dissipation")
 # What the displacement depends on besides the motion.
-OF_DISPLACEMENT = tuple(
-    state.PARAMETER.index(name)
-    for name in (
-        "material_friction_deck",
-        "material_friction_internal",
-        "material_rolling",
-        "displacement_model",
-    )
-)
+_NAMES = "material_friction_deck material_friction_internal material_rolling displacement_model"
+OF_DISPLACEMENT = tuple(state.PARAMETER.index(name) for name in _NAMES.split())
 OF_PANEL_DISPLACEMENT = (state.PANEL.index("inclination"), state.PANEL.index("velocity_factor"))
 
 
@@ -161,8 +154,7 @@ def spread_feed(buffer):
         spread[k] = max(0.0, fraction[k])
         total += spread[k]
     vectors.ratio(spread, spread, total)
-    edge = state.vector(buffer, state.AT.edge, fraction.size + 1, 0)
-    slope = state.vector(buffer, state.AT.slope, fraction.size + 1, 0)
+    edge, slope = state.edge(buffer), state.slope(buffer)
     node_class, position = state.node_class(buffer), state.node_position(buffer)
     weight, fed = state.node_weight(buffer), state.feed_fraction(buffer)
     split_classes(edge, spread, node_class, position, weight, slope, fed)

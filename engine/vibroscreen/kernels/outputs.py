@@ -130,7 +130,7 @@ def finer_size(buffer, mass, share, before):
 
     Each node stands for as much of its class as it weighs; there the mass lies evenly.
     """
-    edge = state.vector(buffer, state.AT.edge, state.extent(buffer).classes + 1, 0)
+    edge = state.edge(buffer)
     node_class, weight = state.node_class(buffer), state.node_weight(buffer)
     total = vectors.total(mass)
     if total <= NOTHING:

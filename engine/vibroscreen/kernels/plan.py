@@ -72,8 +72,7 @@ def plan(buffer, aperture, velocity):
         length = state.vector(buffer, state.AT.apertures, panel_count(buffer, deck), 0)
         for k in range(length.size):
             length[k] = state.panel(buffer, deck, k).length
-        share = state.panel_cells(buffer, deck)
-        share_cells(length, extent.cells, share)
+        share_cells(length, extent.cells, state.panel_cells(buffer, deck))
     place_nodes(buffer)
     return code
 

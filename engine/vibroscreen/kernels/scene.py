@@ -30,17 +30,12 @@ def vibrates(buffer):
 
 
 @kernel
-def rotation_of(buffer, panel):
-    """How much steeper a panel is than the first one, rad."""
-    return panel.inclination - state.panel(buffer, 0, 0).inclination
-
-
-@kernel
 def panel_motion(buffer, panel):
     """Motion of the deck along and normal to a panel as harmonics (`compose_motion`)."""
     inputs, harmonic = state.inputs(buffer), state.motion_harmonic(buffer)
     said = numbers(inputs)[FIRST_OF_MOTION:END_OF_MOTION]
-    motion.compose_motion(said, state.harmonic(buffer), rotation_of(buffer, panel), harmonic)
+    steeper = panel.inclination - state.panel(buffer, 0, 0).inclination
+    motion.compose_motion(said, state.harmonic(buffer), steeper, harmonic)
     return harmonic
 
 
@@ -155,13 +150,11 @@ def close_scene(buffer, deck, number, scene):
     chosen, aperture = state.closure(buffer), state.panel(buffer, deck, number).aperture
     harmonic = panel_motion(buffer, state.panel(buffer, deck, number))
     frequency = state.inputs(buffer).motion_frequency
-    scene.throw_height = closure.throw_height(harmonic, frequency)
+    scene.throw_height, throw = closure.throw_height(harmonic, frequency), scene.throw_number
     if chosen[closure.OF_PASSAGE] > 0.0:
-        scene.passage_velocity *= closure.passage_factor(
-            harmonic, frequency, aperture, scene.throw_number
-        )
+        scene.passage_velocity *= closure.passage_factor(harmonic, frequency, aperture, throw)
     if chosen[closure.OF_SEGREGATION] > 0.0:
-        loose = closure.percolation_factor(harmonic, frequency, scene.throw_number)
+        loose = closure.percolation_factor(harmonic, frequency, throw)
         scene.segregation_velocity *= loose
         scene.mixing *= loose
 
@@ -188,7 +181,8 @@ def set_scene(buffer, deck, number, scene):
     close_scene(buffer, deck, number, scene)
     scene.aperture, scene.open_area = panel.aperture, panel.open_area
     scene.frequency, scene.amplitude = inputs.motion_frequency, inputs.motion_amplitude
-    scene.throw_angle = inputs.motion_throw_angle + rotation_of(buffer, panel)
+    steeper = panel.inclination - state.panel(buffer, 0, 0).inclination
+    scene.throw_angle = inputs.motion_throw_angle + steeper
     scene.ellipticity, scene.inclination = inputs.motion_ellipticity, panel.inclination
     panels = panel_count(buffer, deck)
     scene.horizon = riding_time_over(buffer, True, deck, panels)

@@ -10,10 +10,9 @@ the whole state of an instance: copying it copies the screen.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cache
-from typing import Any
 
-from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
+from vibroscreen.compiler.fields import Symbol, fields_of
+from vibroscreen.compiler.language import Places, Record, kernel, record, view1
 from vibroscreen.figures import ALARMS as ALARM_FIGURES
 from vibroscreen.figures import BETWEEN, BOX
 from vibroscreen.figures import DECK as OF_DECK
@@ -130,19 +129,17 @@ MAX_HARMONICS = 4
 DISPLACEMENT_RESULT = 7
 
 # --- fields: name and shape in terms of the dimensions ------------------------------------------
-SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
+_SECTIONS: dict[str, dict[str, tuple[Symbol, ...]]] = {
     "parameters": {
         "parameter": (PARAMETER,),
-        "lower": ("classes",),
-        "upper": ("classes",),
+        "lower upper": ("classes",),
         "width": ("decks",),
         "panel": ("decks", "panels", PANEL),
     },
     "inputs": {"input": (INPUT,), "fraction": ("classes",)},
     "outputs": {
         "output": (OUTPUT,),
-        "undersize_fraction": ("classes",),
-        "oversize_fraction": ("classes",),
+        "undersize_fraction oversize_fraction": ("classes",),
         "intermediate": ("lower_decks", INTERMEDIATE),
         "intermediate_fraction": ("lower_decks", "classes"),
         "deck_result": ("decks", DECK_RESULT),
@@ -157,10 +154,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "closure": (2,),
         "harmonic": (MAX_HARMONICS, 5),
         "edge": ("edges",),
-        "size": ("nodes",),
-        "node_class": ("nodes",),
-        "node_position": ("nodes",),
-        "node_weight": ("nodes",),
+        "size node_class node_position node_weight": ("nodes",),
         "panel_count": ("decks",),
         "panel_cells": ("decks", "panels"),
         # passage velocity on a panel over that of the top deck's first one, by a table
@@ -170,8 +164,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "counter": (COUNTER,),
         # sums and their compensation
         "ledger": ("streams", 2, "classes"),
-        "initial_mass": ("classes",),
-        "held": ("classes",),
+        "initial_mass held": ("classes",),
         "steady_rate": ("streams", "classes"),
         "memory": (MEMORY,),
         "alarm": (ALARM_COUNT, ALARM),
@@ -181,12 +174,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "feed_fraction": ("nodes",),
         "scene": ("decks", "panels", SCENE),
         "deck": ("decks", DECK),
-        "queue": ("decks", "packages"),
-        "cell": ("decks", "packages"),
-        "free": ("decks", "packages"),
-        "length": ("decks", "packages"),
-        "layers_used": ("decks", "packages"),
-        "on_panel": ("decks", "packages"),
+        "queue cell free length layers_used on_panel": ("decks", "packages"),
         "pace": ("decks", "packages", 4),
         # slot + 1 of the leading slice of the closed cohort that a package is a part of; 0: of none
         "leader": ("decks", "packages"),
@@ -197,16 +185,13 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "load": ("decks", "packages", "layers", "nodes"),
         "reference": ("decks", "packages", "nodes"),
         "lead": ("decks", "layers", "nodes"),
-        "lead_feed": ("decks", "nodes"),
-        "lead_passed": ("decks", "nodes"),
+        "lead_feed lead_passed": ("decks", "nodes"),
         "partial": ("decks", "layers", "nodes"),
         "partial_passed": ("decks", "nodes"),
         # along a steady deck with one below: place, what has passed up to there [kg/s] and falls
         # there [kg/(m s)] on both sides of the place; and what a lower cohort still owes
         "knot_place": ("decks", "knots"),
-        "knot_passed": ("decks", "knots", "nodes"),
-        "knot_before": ("decks", "knots", "nodes"),
-        "knot_after": ("decks", "knots", "nodes"),
+        "knot_passed knot_before knot_after": ("decks", "knots", "nodes"),
         "carry": ("decks", "nodes"),
     },
     "work": {
@@ -224,23 +209,19 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "step": (STEP,),
         "hold_up_work": ("decks",),
         # what fell from the packages of a deck: from where to where, and how much; from its cohort
-        "fall_start": ("decks", "falls"),
-        "fall_stop": ("decks", "falls"),
+        "fall_start fall_stop": ("decks", "falls"),
         "fall": ("decks", "falls", "nodes"),
         "fall_cohort": ("decks", "nodes"),
         "fall_count": ("decks", 4),
         # what passed and passes of the slice that is recorded
         "recorded": (2, "nodes"),
         # what lands on the packages of a deck, and where they are
-        "landing_start": ("falls",),
-        "landing_stop": ("falls",),
+        "landing_start landing_stop": ("falls",),
         "landing": ("falls", "nodes"),
         # parts of a trajectory whose means are wanted: when each ends, s; the slot that gets its
         # loads; time integral of what passed, kg s/m2; what the slot held before, kg/m2
-        "part_end": ("packages",),
-        "part_slot": ("packages",),
-        "part_passed": ("packages", "nodes"),
-        "part_before": ("packages", "nodes"),
+        "part_end part_slot": ("packages",),
+        "part_passed part_before": ("packages", "nodes"),
         "column_flux": (2, "nodes"),
         "column_time": ("layers", "nodes"),
         # coefficients in time of what lands, of all nodes and of those that take part
@@ -249,8 +230,7 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         # sizes and 1/reference of the nodes that take part
         "compact": (2, "sizes"),
         # where each size of a column is in a block, -1: nowhere, and its share of what is there
-        "place": ("nodes",),
-        "share": ("nodes",),
+        "place share": ("nodes",),
         # columns in time: what passed, loads, composition of the top layer (rates.py)
         # and after them two rows an order of extrapolation: column and its time integral
         "stage": (10 + 2 * MAX_ORDER, "block"),
@@ -260,36 +240,34 @@ SECTIONS: dict[str, dict[str, tuple[str | int | Record, ...]]] = {
         "design_result": ("designs", "result"),
         "strength": (2,),
         "apertures": ("all_panels",),
-        "scratch": ("layers", "sizes"),
-        "percolation": ("layers", "sizes"),
+        "scratch percolation": ("layers", "sizes"),
         "node_work": (4, "sizes"),
         "spare": (4, "nodes"),
         "upward": ("layers",),
     },
 }
+SECTIONS = {
+    title: {name: symbols for names, symbols in fields.items() for name in names.split()}
+    for title, fields in _SECTIONS.items()
+}
+# Fields that end in a matrix; the others end in a vector or a record.
+_MATRICES = "harmonic motion_harmonic source source_now load lead partial column_time scratch"
+MATRICES = (*_MATRICES.split(), "percolation")
 # Sizes of what there is, and addresses of a user's own models.
 _WHOLE = (
     "classes nodes decks panels layers packages cells layered bed_layers knots falls designs",
     "displacement_work displacement_address passage_address segregation_address",
 )
 DIMENSION = Record(*_WHOLE, whole=" ".join(_WHOLE))
-KINDS = {
-    name: symbols[-1]
-    for fields in SECTIONS.values()
-    for name, symbols in fields.items()
-    if isinstance(symbols[-1], Record)
-}
-FIELD = tuple(name for fields in SECTIONS.values() for name in fields)
+_SHAPES = {name: symbols for fields in SECTIONS.values() for name, symbols in fields.items()}
+KINDS = {name: kind for name, (*_, kind) in _SHAPES.items() if isinstance(kind, Record)}
+FIELD = tuple(_SHAPES)
 HEADER_SIZE = len(DIMENSION) + len(FIELD)
 # Places in the header that hold the offsets of the fields.
 AT = Places(len(DIMENSION), *FIELD)
 
 
 # --- a field by its name -------------------------------------------------------------------------
-# Fields that end in a matrix; the others end in a vector or a record.
-MATRICES = frozenset("harmonic motion_harmonic source load lead partial column_time".split())
-
-
 @kernel
 def vector(buffer, at, size, row):
     """Row `row` of a field of rows of `size` numbers."""
@@ -303,71 +281,20 @@ def extent(buffer):
 
 
 @kernel
-def _extent(buffer, said):
-    """An extent of a field: a number, or below 0 by the place of a dimension."""
-    return said if said >= 0 else int(buffer[-1 - said])
+def edges(buffer):
+    """Limits of the size classes, one more than these."""
+    return extent(buffer).classes + 1
 
 
-def _said(symbol: str | int | Record) -> int:
-    if isinstance(symbol, str):
-        return -1 - DIMENSION.index(symbol)
-    return symbol if isinstance(symbol, int) else len(symbol)
+@kernel
+def sizes(buffer):
+    """Sizes that take part in the column at hand, a multiple of four."""
+    return record(buffer, int(buffer[AT.work]), WORK).active
 
 
-@cache
-def _form(*symbols: str | int | Record) -> tuple[Any, Any]:
-    """Kernels that view what has these extents at a place, and say how many numbers it holds."""
-    kind, wide = symbols[-1], _said(symbols[-1])
-    high = _said(symbols[0]) if len(symbols) > 1 else 1
-
-    def as_record(buffer, place):
-        return record(buffer, place, kind)
-
-    def as_vector(buffer, place):
-        return view1(buffer, place, _extent(buffer, wide))
-
-    def as_matrix(buffer, place):
-        return view2(buffer, place, _extent(buffer, high), _extent(buffer, wide))
-
-    def size(buffer):
-        return _extent(buffer, high) * _extent(buffer, wide)
-
-    form = as_record if isinstance(kind, Record) else (as_vector, as_matrix)[len(symbols) - 1]
-    return _named(form, symbols), _named(size, symbols)
-
-
-def _named(made: Any, said: object) -> Any:
-    made.__qualname__ = f"{made.__name__} {said}"
-    return kernel(made)
-
-
-def _field(name: str, symbols: tuple[str | int | Record, ...]) -> Any:
-    """The kernel that finds a field, `name(buffer, *rows)`: a record, a vector or a matrix."""
-    at, inner = getattr(AT, name), 2 if name in MATRICES else 1
-    rows, (form, size) = symbols[:-inner], _form(*symbols[-inner:])
-    count = _said(rows[-1]) if len(rows) > 1 else 1
-
-    def of_one(buffer):
-        return form(buffer, int(buffer[at]))
-
-    def of_row(buffer, row):
-        return form(buffer, int(buffer[at]) + int(row) * size(buffer))
-
-    def of_two(buffer, row, column):
-        place = int(row) * _extent(buffer, count) + int(column)
-        return form(buffer, int(buffer[at]) + place * size(buffer))
-
-    return _named((of_one, of_row, of_two)[len(rows)], name)
-
-
-# `state.lead(buffer, deck)` is the field `lead` of a deck, and so on for all whose last extents
-# are a number, a record or of DIMENSION.
-globals().update(
-    (name, _field(name, symbols))
-    for fields in SECTIONS.values()
-    for name, symbols in fields.items()
-    if isinstance(symbols[-1], int | Record) or symbols[-1] in DIMENSION
-)
+# `state.lead(buffer, deck)` is the field `lead` of a deck, and so on.
+_FURTHER = {"edges": edges, "sizes": sizes}
+globals().update(fields_of(DIMENSION, AT, _SHAPES, MATRICES, _FURTHER))
 parameters, inputs, outputs = (globals()[name] for name in ("parameter", "input", "output"))
 switches, counters, book = (globals()[name] for name in ("switch", "counter", "deck"))
 

@@ -51,8 +51,7 @@ def place_nodes(buffer):
     exposure = area / feed if feed > 0.0 else 0.0
     classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
     room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
-    edge = state.vector(buffer, state.AT.edge, extent.classes + 1, 0)
-    size = state.vector(buffer, state.AT.size, room, 0)
+    edge, size = state.edge(buffer), state.vector(buffer, state.AT.size, room, 0)
     of_class = state.vector(buffer, state.AT.node_class, room, 0)
     position = state.vector(buffer, state.AT.node_position, room, 0)
     weight = state.vector(buffer, state.AT.node_weight, room, 0)
@@ -79,12 +78,9 @@ def follow(buffer, deck, duration):
     book = state.book(buffer, deck)
     left = duration
     while left > 0.0:
-        panel, step = book.lead_panel, left
-        crosses = False
-        if travel.conveys(buffer, deck) and panel + 1 < travel.panel_count(buffer, deck):
-            until = travel.panel_end_time(buffer, deck, panel) - book.cohort_front
-            crosses = until <= left
-            step = max(0.0, until) if crosses else left
+        panel = book.lead_panel
+        until = travel.time_to_next(buffer, deck, panel, book.cohort_front)
+        crosses, step = until <= left, max(0.0, min(until, left))
         if step > 0.0:
             front.advance_lead(buffer, deck, step)
         book.cohort_front += step
@@ -135,7 +131,6 @@ def write_outputs(buffer):
         if deck > 0:
             vectors.fill(numbers(state.intermediate(buffer, deck - 1)), nan)
         state.book(buffer, deck).covered = 1.0  # the slice is at the discharge
-        front.watch_capacity(buffer, deck)
     outputs.write_streams(buffer, 1.0)
     outputs.write_state(buffer, vectors.total(state.hold_up_work(buffer)))
     outputs.read_sizes(buffer)
@@ -177,8 +172,7 @@ def solve_many(buffer, count, rebuild):
     row_size = result_size(buffer)
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
-        other = state.design_harmonic(buffer, row)
-        vectors.copy(harmonic, other)
+        vectors.copy(harmonic, state.design_harmonic(buffer, row))
         code = checks.check(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
@@ -199,20 +193,15 @@ def solve_many(buffer, count, rebuild):
 @kernel
 def write_result(buffer, result):
     """A row of many steady solutions behind its FIGURE: outputs, alarms, streams."""
-    decks, classes = state.extent(buffer).decks, state.extent(buffer).classes
-    place = len(state.FIGURE)
-    place = put(buffer, state.AT.output, len(state.OUTPUT), result, place)
-    place = put(buffer, state.AT.deck_result, decks * len(state.DECK_RESULT), result, place)
-    place = put(buffer, state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE), result, place)
-    place = put(buffer, state.AT.alarm, state.ALARM_COUNT * len(state.ALARM), result, place)
-    put(buffer, state.AT.class_mass, (state.OVER + decks) * classes, result, place)
-
-
-@kernel
-def put(buffer, at, size, result, place):
-    """Copy a field of the buffer to a place of a row; returns the place behind it."""
-    vectors.copy(result[place : place + size], state.vector(buffer, at, size, 0))
-    return place + size
+    decks, place = state.extent(buffer).decks, len(state.FIGURE)
+    for at, size in (
+        (state.AT.output, len(state.OUTPUT)),
+        (state.AT.deck_result, decks * len(state.DECK_RESULT)),
+        (state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE)),
+        (state.AT.alarm, state.ALARM_COUNT * len(state.ALARM)),
+        (state.AT.class_mass, (state.OVER + decks) * state.extent(buffer).classes),
+    ):
+        place = changes.put(result, place, state.vector(buffer, at, size, 0))
 
 
 @kernel
@@ -236,13 +225,6 @@ def solve_decks(buffer):
         if travel.conveys(buffer, deck):
             follow(buffer, deck, travel.residence_time(buffer, deck))
         book, width = state.book(buffer, deck), state.width(buffer)[deck]
-        last = travel.panel_count(buffer, deck) - 1
-        passing = width * travel.panel_velocity(buffer, deck, 0)
-        leaving = width * travel.panel_velocity(buffer, deck, last)
-        under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
-        passed = state.lead_passed(buffer, deck)
-        for i in range(passed.size):
-            under[i], over[i] = passing * passed[i], 0.0
-        vectors.add_rows(over, leaving, state.lead(buffer, deck), book.lead_layers)
-        partial = state.partial(buffer, deck)
-        hold_up[deck] = width * bed_load(partial, book.partial_layers)
+        vectors.fill(falls.undersize(buffer, deck), 0.0)
+        front.stream_of_covered_deck(buffer, deck, 1.0)
+        hold_up[deck] = width * bed_load(state.partial(buffer, deck), book.partial_layers)

@@ -104,8 +104,7 @@ def initialise(buffer):
     vectors.copy(state.oversize_fraction(buffer), fraction)
     filling = travel.residence_time(buffer, 0)
     for deck in range(1, decks):
-        between = state.intermediate_fraction(buffer, deck - 1)
-        vectors.copy(between, fraction)
+        vectors.copy(state.intermediate_fraction(buffer, deck - 1), fraction)
         filling += travel.residence_time(buffer, deck)
     full = state.parameters(buffer).bed_initial == STEADY_START and travel.conveys(buffer, 0)
     if full:
@@ -113,8 +112,7 @@ def initialise(buffer):
         move(buffer, 1.0)
     count_held(buffer)
     if full:
-        held = state.held(buffer)
-        vectors.copy(state.initial_mass(buffer), held)
+        vectors.copy(state.initial_mass(buffer), state.held(buffer))
         outputs.write_streams(buffer, 1.0)
     outputs.write_state(buffer, vectors.total(state.held(buffer)))
     return state.ACCEPTED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,9 +17,11 @@ from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.fields import Choice, Number, entries, nearest
-from vibroscreen.practice import GREEN, RED, Finding, findings
+from vibroscreen.practice import GREEN, RED, Finding, findings, sizing_rules
 from vibroscreen.report import pictures
 from vibroscreen.report.specification import Reading, Specification
+from vibroscreen.results import DeckResult
+from vibroscreen.sizing_rules import Rules
 from vibroscreen.steady import Array, SteadyResult
 from vibroscreen.units import DEG, KN, KW, MM, PERCENT, RPM, T_H
 
@@ -38,7 +41,7 @@ class Shown(NamedTuple):
 
 # What a unit of a report is in SI; digits that are shown.
 UNITS = {
-    **dict.fromkeys(("", "kg", "m", "m/s", "kg/m3"), 1.0),
+    **dict.fromkeys(("", "kg", "m", "m2", "m/s", "kg/m3"), 1.0),
     **{"%": PERCENT, "mm": MM, "deg": DEG, "t/h": T_H, "kW": KW, "kN": KN, "1/min": RPM},
 }
 DIGITS = 4
@@ -62,6 +65,14 @@ LOAD = (
     Shown("hold_up", "lies on it", "kg"),
     Shown("throw_number", "throw number, first panel"),
 )
+RULES = (
+    Shown("area", "area", "m2"),
+    Shown("area_at_95", "VSMA: area for 95 %", "m2"),
+    Shown("load", "the same over the area"),
+    Shown("vsma_recovery", "VSMA: efficiency, its table has 70 to 95", "%"),
+    Shown("karra_recovery", "Karra: efficiency", "%"),
+    Shown("cut_size", "Karra: cut size d50", "mm"),
+)
 BOX = (
     Shown("drive_power", "power of the drive", "kW"),
     Shown("exciter_force", "force of the exciter", "kN"),
@@ -83,6 +94,11 @@ def text_of(value: float, unit: str = "") -> str:
     return np.format_float_positional(number, DIGITS, unique=False, fractional=False, trim="-")
 
 
+# What matplotlib would say of a picture, and where it places things to a millionth of a pixel.
+METADATA = ("Creator", "Date", "Format", "Type")
+ATTRIBUTE = re.compile(r'"[^"]*"')
+
+
 class Picture(NamedTuple):
     """A picture as a page holds it, its name, and what it says."""
 
@@ -93,11 +109,17 @@ class Picture(NamedTuple):
 
 def _picture(figure: Figure, name: str, says: str) -> Picture:
     """A matplotlib figure as SVG in a data URI: an image runs nothing and keeps its ids."""
-    out = io.BytesIO()
+    out = io.StringIO()
     with pictures.styled():
-        figure.savefig(out, format="svg", dpi=200, metadata={"Date": None, "Creator": None})
-    text = base64.b64encode(out.getvalue()).decode("ascii")
+        figure.savefig(out, format="svg", dpi=200, metadata=dict.fromkeys(METADATA))
+    short = re.sub(r"\n\s*", "\n", ATTRIBUTE.sub(_rounded, out.getvalue()))
+    text = base64.b64encode(short.encode()).decode("ascii")
     return Picture(f"data:image/svg+xml;base64,{text}", name, says)
+
+
+def _rounded(attribute: re.Match[str]) -> str:
+    """The value of an attribute with two digits behind each point: a hundredth of a pixel."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
 
 
 class Setting(NamedTuple):
@@ -153,20 +175,33 @@ class Sheet:
                 if not r.met
             ]
             told = "; ".join(missed) or f"within its limits at {len(readings)} sizes"
-            yield Finding(RED if missed else GREEN, f"{product}, specification", told)
+            yield Finding(
+                RED if missed else GREEN, f"{pictures.product_name(product)}, specification", told
+            )
+
+    @property
+    def decks(self) -> tuple[DeckResult[float], ...]:
+        """Results of every deck."""
+        return self.steady.decks
+
+    @cached_property
+    def rules(self) -> tuple[Rules, ...]:
+        """What the sizing rules say of every deck."""
+        return sizing_rules(self.steady)
 
     @property
     def motion(self) -> str:
         """The vibration in words."""
         motion = self.config.motion
+        frequency, per_minute = motion.frequency, text_of(motion.frequency, "1/min")
+        swings = f"{text_of(frequency)} Hz ({per_minute} 1/min)"
+        if motion.harmonic:
+            return f"{len(motion.harmonic)} harmonics of {swings}"
         shape = {0.0: "linear", 1.0: "circular, with the flow", -1.0: "circular, against the flow"}
         kind = shape.get(motion.ellipticity, f"elliptical ({motion.ellipticity:.3g})")
-        extra = f", {len(motion.harmonic)} harmonics" if motion.harmonic else ""
-        return (
-            f"{kind}{extra}, stroke {text_of(2.0 * motion.amplitude, 'mm')} mm at "
-            f"{text_of(motion.frequency)} Hz ({text_of(motion.frequency, '1/min')} 1/min), "
-            f"{text_of(motion.throw_angle, 'deg')} deg over the first panel"
-        )
+        way = f"{text_of(motion.throw_angle, 'deg')} deg over the first panel"
+        stroke = f"{kind}, stroke {text_of(2.0 * motion.amplitude, 'mm')} mm at {swings}"
+        return stroke if abs(motion.ellipticity) == 1.0 else f"{stroke}, {way}"
 
     @property
     def sizes(self) -> dict[str, tuple[float, ...]]:
@@ -196,7 +231,10 @@ class Sheet:
     def gradation(self) -> Picture:
         """Gradations of feed and products."""
         says = "Gradations at the limits of the size classes."
-        return self._drawn(pictures.draw_gradation, "Gradations", says, self.specification)
+        figure = pictures.picture(
+            pictures.draw_gradation, self.steady, self.specification, height=1.15 * pictures.HEIGHT
+        )
+        return _picture(figure, "Gradations", says)
 
     @cached_property
     def partition(self) -> Picture:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import vibroscreen
-from vibroscreen.report.contents import BOX, DECK, LOAD, Sheet, settings_of, text_of
+from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, Sheet, settings_of, text_of
 from vibroscreen.report.pictures import product_name
 
 __all__ = ["fill", "print_page", "visible"]
@@ -60,6 +60,7 @@ def fill(sheets: Sequence[Sheet], day: date) -> str:
         BOX=BOX,
         DECK=DECK,
         LOAD=LOAD,
+        RULES=RULES,
         settings=list(settings_of(sheets)),
         day=day,
         version=vibroscreen.__version__,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,13 +47,14 @@ __all__ = [
 Array = NDArray[np.float64]
 
 # Colours that people tell apart who see fewer of them (Okabe and Ito), and dashes for paper.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 FEED, STEEL, BAND = "#222222", "#555555", "#e6e6e6"
 STYLE: dict[Any, Any] = {
     "text.parse_math": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "vibroscreen",
+    "font.sans-serif": ["DejaVu Sans", "Arial"],
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.spines.top": False,
@@ -132,7 +134,10 @@ def draw_gradation(axes: Axes, result: Told, specification: Sequence[Specificati
     edges = np.array(result.size_classes.edges) / MM
     shown = edges > 0.0
     streams = result.streams
-    for band, look in zip(specification, _looks(len(specification)), strict=True):
+    looks = [{"color": FEED, "linestyle": "-"}, *_looks(len(streams) - 1)]
+    by_name = dict(zip(streams, looks, strict=True))
+    for band in specification:
+        look = by_name[band.product]
         axes.fill_between(
             band.size / MM,
             band.least / PERCENT,
@@ -142,14 +147,24 @@ def draw_gradation(axes: Axes, result: Told, specification: Sequence[Specificati
             linewidth=0.0,
             label=f"specified: {product_name(band.product)}",
         )
-    looks = [{"color": FEED, "linestyle": "-"}, *_looks(len(streams) - 1)]
+        axes.vlines(
+            band.size / MM,
+            band.least / PERCENT,
+            band.most / PERCENT,
+            color=look["color"],
+            alpha=0.35,
+            linewidth=4.0,
+        )
     for (name, stream), look in zip(streams.items(), looks, strict=True):
         if stream.mass_flow_rate > 0.0:
             passing = stream.passing[shown] / PERCENT
             axes.plot(edges[shown], passing, marker="o", label=product_name(name), **look)
     _sizes_along(axes)
     axes.set(ylabel="passing [%]", ylim=(-2.0, 102.0))
-    axes.legend()
+    if len(streams) + len(specification) <= 4:
+        axes.legend()
+    else:  # it would lie on the curves
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5, ncols=2)
 
 
 def draw_partition(axes: Axes, result: Told) -> None:
@@ -159,7 +174,7 @@ def draw_partition(axes: Axes, result: Told) -> None:
             continue
         curve = deck.partition
         name = f"deck {deck.deck}, {deck.aperture / MM:.4g} mm"
-        axes.plot(curve.size / MM, curve.to_oversize / PERCENT, marker=".", label=name, **look)
+        axes.plot(curve.size / MM, curve.to_oversize / PERCENT, label=name, **look)
         axes.axvline(deck.aperture / MM, color=look["color"], linewidth=0.6, linestyle=":")
         if curve.crossed:
             axes.plot(curve.cut_size / MM, 50.0, "D", color=look["color"], markersize=4.5)
@@ -279,24 +294,28 @@ def draw_sketch(axes: Axes, config: ScreenConfig, result: Told | None = None) ->
         z = top - np.append(0.0, (lengths * np.sin(slopes)).cumsum())
         axes.plot(x, z, "|-", color=STEEL, linewidth=0.6, markersize=7.0)
         axes.plot(x, z, color=FEED, linewidth=2.6, linestyle=(0, (1.6, 0.7)))
-        for place, panel in enumerate(deck.panels):
-            if place == 0 or panel.aperture != deck.panels[place - 1].aperture:
-                axes.annotate(
-                    f"{panel.aperture / MM:.4g} mm",
-                    (x[place : place + 2].mean(), z[place : place + 2].mean()),
-                    (6.0 * np.sin(panel.inclination), 6.0 * np.cos(panel.inclination)),
-                    textcoords="offset points",
-                    ha="center",
-                    va="center",
-                    rotation=-panel.inclination / DEG,
-                )
+        first = 0
+        for aperture, alike in groupby(deck.panels, key=lambda panel: panel.aperture):
+            last = first + len(list(alike))
+            middle = (first + last) // 2
+            slope = slopes[middle]
+            axes.annotate(
+                f"{aperture / MM:.4g} mm",
+                (x[middle : middle + 2].mean(), z[middle : middle + 2].mean()),
+                (6.0 * np.sin(slope), 6.0 * np.cos(slope)),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                rotation=-slope / DEG,
+            )
+            first = last
         _arrow(axes, (x[-1], z[-1]), (0.08 * length, -0.03 * length), arrow)
         axes.text(x[-1] + 0.09 * length, z[-1] - 0.03 * length, rate, va="center")
-        low, middle = min(low, z[-1]), 0.5 * x[-1]
+        low, half = min(low, z[-1]), 0.5 * x[-1]
     _arrow(axes, (0.03 * length, 0.13 * length), (0.0, -0.11 * length), arrow)
     axes.text(0.05 * length, 0.1 * length, feed, va="center")
-    _arrow(axes, (middle, low - 0.02 * length), (0.0, -0.09 * length), arrow)
-    axes.text(middle + 0.02 * length, low - 0.08 * length, under, va="center")
+    _arrow(axes, (half, low - 0.02 * length), (0.0, -0.09 * length), arrow)
+    axes.text(half + 0.02 * length, low - 0.08 * length, under, va="center")
     _draw_orbit(axes, config, (0.7 * length, 0.16 * length), SHOWN_STROKE * length)
     _draw_scale(axes, length, low - 0.17 * length)
     axes.margins(0.02)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
-from vibroscreen.stream import Stream
+from vibroscreen.stream import ROUND_OFF, Stream
 from vibroscreen.units import MM, PERCENT
 
 __all__ = ["Reading", "Specification", "read_specification"]
@@ -36,10 +36,10 @@ class Reading(NamedTuple):
     @property
     def met(self) -> bool:
         """Whether it lies between them."""
-        return self.least <= self.passing <= self.most
+        return self.least - ROUND_OFF <= self.passing <= self.most + ROUND_OFF
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Specification:
     """Limits of the gradation of a product.
 
@@ -52,9 +52,14 @@ class Specification:
     least: Array
     most: Array
 
-    def __post_init__(self) -> None:
-        for name in ("size", "least", "most"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+    def __init__(self, product: str, size: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
+        given = {"size": size, "least": least, "most": most}
+        object.__setattr__(self, "product", product)
+        for name, values in given.items():
+            object.__setattr__(self, name, np.asarray(values, dtype=float))
+        self._check()
+
+    def _check(self) -> None:
         shapes = {self.size.shape, self.least.shape, self.most.shape}
         if len(shapes) > 1 or self.size.ndim != 1 or self.size.size == 0:
             raise InputError(

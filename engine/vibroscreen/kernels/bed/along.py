@@ -35,7 +35,7 @@ def read_cohort(buffer, deck, place, column):
     for cell in range(book.cells):
         begin = travel.cell_end(buffer, deck, cell)
         end = travel.place_after(buffer, deck, begin)
-        if place <= end or cell + 1 == travel.cell_count(buffer, deck):
+        if place <= end or cell + 1 == state.extent(buffer).cells:
             read_package(buffer, deck, int(state.cell(buffer, deck)[cell]), column)
             return
     panel = travel.cell_panel(buffer, deck, book.cells)

@@ -6,8 +6,8 @@ what is below. A deck below moves in parts of a piece, under what fell from the 
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import falls, front, package, queue, ride, travel
-from vibroscreen.kernels.bed.deck import advance_top, extend_tail
+from vibroscreen.kernels.bed import falls, front, package, ride, travel
+from vibroscreen.kernels.bed.deck import advance_queue, advance_top, extend_tail
 from vibroscreen.kernels.numerics import vectors
 
 # Pieces of a communication step of the top deck, for one residence time.
@@ -69,7 +69,7 @@ def part_of(buffer, left):
     for deck in range(1, state.extent(buffer).decks):
         if covered(buffer, deck) or not travel.conveys(buffer, deck):
             continue
-        part = min(part, travel.residence_time(buffer, deck) / travel.cell_count(buffer, deck))
+        part = min(part, travel.residence_time(buffer, deck) / state.extent(buffer).cells)
         if state.book(buffer, deck).cohort_on > 0.0:
             part = min(part, front.time_to_cover(buffer, deck))
     return part
@@ -121,7 +121,7 @@ def advance_under(buffer, deck, duration, share, moment, whole):
         vectors.fill(state.landing(buffer, row), 0.0)
     falls.lay_records(buffer, deck, count, share, moment)
     falls.lay_cohort(buffer, deck, count, share, whole - moment)
-    queue.advance_queue(buffer, deck, duration)
+    advance_queue(buffer, deck, duration)
     if covered(buffer, deck):
         pay_rest(buffer, deck)
 

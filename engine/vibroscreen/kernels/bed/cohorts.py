@@ -32,11 +32,9 @@ def keep_leader(buffer, deck):
     passed, fed = state.passed(buffer, deck, index), state.lead_feed(buffer, deck)
     vectors.copy(state.reference(buffer, deck, index), fed)
     vectors.copy(passed, state.lead_passed(buffer, deck))
-    lead = state.lead(buffer, deck)
-    vectors.copy_rows(state.load(buffer, deck, index), lead, book.lead_layers)
+    vectors.copy_rows(state.load(buffer, deck, index), state.lead(buffer, deck), book.lead_layers)
     state.layers_used(buffer, deck)[index] = book.lead_layers
-    velocity = travel.panel_velocity(buffer, deck, 0)
-    state.entry_velocity(buffer, deck)[index] = velocity
+    state.entry_velocity(buffer, deck)[index] = travel.panel_velocity(buffer, deck, 0)
     book.leaders += 1
     return index + 1.0
 
@@ -48,8 +46,7 @@ def stays_together(buffer, deck, place, rear, duration, span):
         return False
     if not travel.conveys(buffer, deck):
         return True
-    first = package.slot_at(buffer, deck, place)
-    front = rear + package.span_of(buffer, deck, first) + duration
+    front = rear + package.span_of(buffer, deck, package.slot_at(buffer, deck, place)) + duration
     return front <= travel.residence_time(buffer, deck)
 
 
@@ -81,7 +78,7 @@ def follow_cohort(buffer, deck, place, rear, duration):
         slots[part] = state.slot(buffer, deck, member)
         empty_part(buffer, deck, member, part)
     parts.begin_parts(buffer, count, start)
-    ride.integrate_package(buffer, deck, index, duration)
+    ride.integrate_package(buffer, deck, index, duration, 0.0)
     parts.begin_parts(buffer, 0, 0.0)
     # What passed of the slice so far, with which the parts' own share begins.
     passed = state.passed(buffer, deck, index)

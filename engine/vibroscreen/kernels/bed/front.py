@@ -30,14 +30,14 @@ def open_pile(buffer, deck):
 
 @kernel
 def feed_pile(buffer, deck, index, duration):
-    """Set the feed as a source on top of the pile, kg/(m2 s)."""
+    """Set the feed as a source on top of the pile, kg/(m2 s); returns its terms."""
     source, reference = state.source(buffer), state.reference(buffer, deck, index)
     area, rate = package.area_of(buffer, deck, index), state.book(buffer, deck).cohort_fed
     fraction = state.feed_fraction(buffer)
-    state.work(buffer).source_terms = 1.0 if rate > 0.0 else 0.0
     for i in range(fraction.size):
         source[0, i] = rate * fraction[i] / area
         reference[i] += source[0, i] * duration
+    return 1.0 if rate > 0.0 else 0.0
 
 
 @kernel
@@ -130,8 +130,7 @@ def join_neighbours(buffer, deck, place):
     if panel != package.panel_of(buffer, deck, two):
         return
     loads = package.load_of(buffer, deck, one) + package.load_of(buffer, deck, two)
-    longest = travel.cell_length(buffer, deck, panel)
-    short = length[one] + length[two] <= longest * package.JOIN
+    short = length[one] + length[two] <= travel.cell_length(buffer, deck, panel) * package.JOIN
     if (loads == 0.0 and deck == 0) or (short and package.alike(buffer, deck, one, two)):
         package.merge_into(buffer, deck, place)
 
@@ -145,10 +144,10 @@ def on_first_panel(buffer, deck):
 
 
 @kernel
-def integrate_lead(buffer, deck, place, duration):
+def integrate_lead(buffer, deck, place, duration, terms):
     """Let the leading slice go through `duration` s from a place on.
 
-    What passes is recorded for the deck below.
+    `terms`: of the source that lands on it. What passes is recorded for the deck below.
     """
     work, book = state.work(buffer), state.book(buffer, deck)
     scene, lead = state.scene(buffer, deck, book.lead_panel), state.lead(buffer, deck)
@@ -156,15 +155,18 @@ def integrate_lead(buffer, deck, place, duration):
     layers = book.lead_layers
     work.recorded = deck + 1.0 if deck + 1 < state.extent(buffer).decks else 0.0
     work.recorded_from = place
-    if work.source_terms == 0.0 and bed_load(lead, layers) == 0.0:
+    if terms == 0.0 and bed_load(lead, layers) == 0.0:
         integrate.clear_sums(buffer, layers)
         book.rows = layers
         if work.recorded > 0:
-            velocity = travel.panel_velocity(buffer, deck, book.lead_panel)
-            knots.record_nothing(buffer, place, place + velocity * duration)
+            vectors.fill(state.recorded(buffer, 0), 0.0)
+            vectors.fill(state.recorded(buffer, 1), 0.0)
+            knots.record_knot(buffer, place)
+            knots.record_knot(buffer, place + scene.transport_velocity * duration)
     else:
-        book.lead_layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration)
-    work.source_terms, work.recorded = 0.0, 0.0
+        layers = integrate.integrate(buffer, scene, book, lead, fed, layers, duration, terms)
+        book.lead_layers = layers
+    work.recorded = 0.0
 
 
 @kernel
@@ -178,11 +180,12 @@ def advance_lead(buffer, deck, duration):
     velocity, _ = on_first_panel(buffer, deck)
     left = duration
     while left > 0.0:
-        step = left
+        step, terms = left, 0.0
         place = travel.place_after(buffer, deck, book.cohort_front + (duration - left))
         if deck > 0:
-            step = min(left, knots.lead_source(buffer, deck, place, velocity))
-        integrate_lead(buffer, deck, place, step)
+            holds, terms = knots.lead_source(buffer, deck, place, velocity)
+            step = min(left, holds)
+        integrate_lead(buffer, deck, place, step, terms)
         book_lead(buffer, deck, step)
         left -= step
 
@@ -226,8 +229,7 @@ def cross_lead(buffer, deck):
     layers = book.lead_layers
     vectors.divide(state.lead_feed(buffer, deck), lead, layers, stretch)
     book.lead_panel = panel + 1.0
-    scene = state.scene(buffer, deck, panel + 1)
-    book.lead_layers = restack(buffer, scene, lead, layers)
+    book.lead_layers = restack(buffer, state.scene(buffer, deck, panel + 1), lead, layers)
 
 
 # --- cells ---------------------------------------------------------------------------------------
@@ -249,7 +251,7 @@ def cells_ahead(buffer, deck, duration):
     book = state.book(buffer, deck)
     ends, slots = state.part_end(buffer), state.part_slot(buffer)
     count, taken, finished = 0, 0.0, True
-    while finished and taken < duration and book.cells < travel.cell_count(buffer, deck):
+    while finished and taken < duration and book.cells < state.extent(buffer).cells:
         if travel.cell_panel(buffer, deck, book.cells) != book.lead_panel:
             break
         target = travel.cell_end(buffer, deck, book.cells)
@@ -275,8 +277,7 @@ def advance_over_cells(buffer, deck, duration):
     taken, finished = cells_ahead(buffer, deck, duration)
     if book.pace == 0.0 and book.cohort_front == 0.0:
         book.pace = book.first_pace
-    place = travel.place_after(buffer, deck, book.cohort_front)
-    integrate_lead(buffer, deck, place, taken)
+    integrate_lead(buffer, deck, travel.place_after(buffer, deck, book.cohort_front), taken, 0.0)
     parts.begin_parts(buffer, 0, 0.0)
     last = book.cells - 1
     begin = 0.0
@@ -285,8 +286,7 @@ def advance_over_cells(buffer, deck, duration):
         if done < last:
             end_cell(buffer, deck, done)
     velocity, first = on_first_panel(buffer, deck)
-    passed = state.column_flux(buffer, 0)
-    vectors.add(state.lead_passed(buffer, deck), velocity / first, passed)
+    vectors.add(state.lead_passed(buffer, deck), velocity / first, state.column_flux(buffer, 0))
     if finished:
         book.cohort_front = travel.cell_end(buffer, deck, last)
         end_cell(buffer, deck, last)
@@ -329,8 +329,7 @@ def finish_cell(buffer, deck, index, length):
     load, passed = state.load(buffer, deck, index), state.passed(buffer, deck, index)
     collected = state.partial_passed(buffer, deck)
     layers = book.partial_layers
-    fed = state.lead_feed(buffer, deck)
-    vectors.copy(state.reference(buffer, deck, index), fed)
+    vectors.copy(state.reference(buffer, deck, index), state.lead_feed(buffer, deck))
     for i in range(passed.size):
         passed[i] = collected[i] / length
         for j in range(layers):
@@ -348,21 +347,13 @@ def end_cell(buffer, deck, cell):
     panel = travel.cell_panel(buffer, deck, cell)
     index = int(state.cell(buffer, deck)[cell])
     finish_cell(buffer, deck, index, travel.cell_length(buffer, deck, panel))
-    if cell + 1 == travel.cell_count(buffer, deck):
+    if cell + 1 == state.extent(buffer).cells:
         state.book(buffer, deck).covered = 1.0
     elif travel.cell_panel(buffer, deck, cell + 1) != panel:
         cross_lead(buffer, deck)
 
 
 # --- the cohort ----------------------------------------------------------------------------------
-@kernel
-def watch_capacity(buffer, deck):
-    """Note where the bed of a deck is deeper at the feed end than its layers can hold."""
-    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
-    if state.extent(buffer).layered > 0 and deep:
-        state.book(buffer, deck).capacity_alarm = 1.0
-
-
 @kernel
 def stream_of_covered_deck(buffer, deck, duration):
     """Undersize and oversize where the cohort covers the deck: all rates are constant."""
@@ -373,7 +364,9 @@ def stream_of_covered_deck(buffer, deck, duration):
     width = state.width(buffer)[deck]
     passing = width * travel.panel_velocity(buffer, deck, 0) * duration
     leaving = width * travel.panel_velocity(buffer, deck, last) * duration
-    watch_capacity(buffer, deck)
+    deep = held.depth_at_feed(buffer, deck) > package.bed_capacity(buffer, deck)
+    if state.extent(buffer).layered > 0 and deep:  # at the feed end, for what the layers hold
+        book.capacity_alarm = 1.0
     passed = state.lead_passed(buffer, deck)
     vectors.add(falls.undersize(buffer, deck), passing, passed)
     vectors.add(state.fall_cohort(buffer, deck), passing, passed)

@@ -47,30 +47,22 @@ def record_knot(buffer, place):
 
 
 @kernel
-def record_nothing(buffer, start, stop):
-    vectors.fill(state.recorded(buffer, 0), 0.0)
-    vectors.fill(state.recorded(buffer, 1), 0.0)
-    record_knot(buffer, start)
-    record_knot(buffer, stop)
-
-
-@kernel
 def thin_knots(buffer, deck):
     """Make room: every second knot inside goes; sums stay, as they are sums up to a place."""
     book, places = state.book(buffer, deck), state.knot_place(buffer, deck)
     count, kept = book.knots, 0
-    for knot in range(count):
-        if knot % 2 == 1 and knot < count - 1:
+    for row in range(count):
+        if row % 2 == 1 and row < count - 1:
             continue
-        if kept != knot:
-            places[kept] = places[knot]
+        if kept != row:
+            places[kept] = places[row]
             vectors.copy(
-                state.knot_passed(buffer, deck, kept), state.knot_passed(buffer, deck, knot)
+                state.knot_passed(buffer, deck, kept), state.knot_passed(buffer, deck, row)
             )
             vectors.copy(
-                state.knot_before(buffer, deck, kept), state.knot_before(buffer, deck, knot)
+                state.knot_before(buffer, deck, kept), state.knot_before(buffer, deck, row)
             )
-            vectors.copy(state.knot_after(buffer, deck, kept), state.knot_after(buffer, deck, knot))
+            vectors.copy(state.knot_after(buffer, deck, kept), state.knot_after(buffer, deck, row))
         kept += 1
     book.knots = kept
 
@@ -79,12 +71,8 @@ def thin_knots(buffer, deck):
 def between_knots(buffer, deck, knot):
     """What has passed up to a knot and to the next one, and the rates at both, in between."""
     start, stop = state.knot_passed(buffer, deck, knot), state.knot_passed(buffer, deck, knot + 1)
-    return (
-        start,
-        stop,
-        state.knot_after(buffer, deck, knot),
-        state.knot_before(buffer, deck, knot + 1),
-    )
+    after, before = state.knot_after(buffer, deck, knot), state.knot_before(buffer, deck, knot + 1)
+    return start, stop, after, before
 
 
 @kernel
@@ -96,7 +84,7 @@ def end_rates(total, rate_start, rate_end, width):
 
 @kernel
 def lead_source(buffer, deck, place, velocity):
-    """Set what lands on the leading slice from `place` on; returns the time for which it holds, s.
+    """Set what lands on the leading slice from `place` on; how long it holds, s, and its terms.
 
     The coefficients in time of the cubic's derivative, per area of this deck, kg/(m2 s).
     """
@@ -104,10 +92,9 @@ def lead_source(buffer, deck, place, velocity):
     upper, book = state.book(buffer, above), state.book(buffer, deck)
     places = state.knot_place(buffer, above)
     count = upper.knots
-    state.work(buffer).source_terms = 0.0
     slack = SAME_PLACE * deck_length(buffer, deck)
     if count < 2 or place >= places[count - 1] - slack:
-        return 1e300
+        return 1e300, 0.0
     knot = min(book.knot, count - 2)
     while knot > 0 and places[knot] > place + slack:
         knot -= 1
@@ -118,7 +105,7 @@ def lead_source(buffer, deck, place, velocity):
     x, rise = (place - places[knot]) / width, velocity / width
     start, stop, after, before = between_knots(buffer, above, knot)
     per_area = 1.0 / state.width(buffer)[deck]
-    source = state.source(buffer)
+    source, terms = state.source(buffer), 0.0
     for i in range(start.size):
         total = stop[i] - start[i]
         one, two = end_rates(total, after[i], before[i], width)
@@ -129,9 +116,8 @@ def lead_source(buffer, deck, place, velocity):
         source[0, i] = per_area * (one + x * (linear + x * square))
         source[1, i] = per_area * rise * (linear + 2.0 * x * square)
         source[2, i] = per_area * rise * rise * square
-        if total > 0.0:
-            state.work(buffer).source_terms = 3.0
-    return max(slack, places[knot + 1] - place) / velocity
+        terms = 3.0 if total > 0.0 else terms
+    return max(slack, places[knot + 1] - place) / velocity, terms
 
 
 @kernel

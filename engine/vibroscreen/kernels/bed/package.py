@@ -140,9 +140,8 @@ def merge_into(buffer, deck, place):
     keep, gone = slot_at(buffer, deck, place), slot_at(buffer, deck, place + 1)
     length = state.length(buffer, deck)
     stretch = 1.0  # of what comes from another panel
-    if panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone) and travel.conveys(
-        buffer, deck
-    ):
+    apart = panel_of(buffer, deck, keep) != panel_of(buffer, deck, gone)
+    if apart and travel.conveys(buffer, deck):
         stretch = velocity_of(buffer, deck, keep) / velocity_of(buffer, deck, gone)
     whole = length[keep] + stretch * length[gone]
     if whole > 0.0:

@@ -7,18 +7,16 @@ from vibroscreen.kernels.numerics import integrate, vectors
 
 
 @kernel
-def integrate_package(buffer, deck, index, duration):
+def integrate_package(buffer, deck, index, duration, terms):
     """Advance the column of a package; its step and order are remembered with it."""
     book, pace = state.book(buffer, deck), state.pace(buffer, deck, index)
     lead_pace = (book.step, book.order, book.pace, book.wide)
     package.use_pace(book, pace)
-    scene, load = (
-        package.scene_of(buffer, deck, index),
-        state.load(buffer, deck, index),
-    )
-    reference, used = state.reference(buffer, deck, index), state.layers_used(buffer, deck)
+    scene = package.scene_of(buffer, deck, index)
+    load, reference = state.load(buffer, deck, index), state.reference(buffer, deck, index)
+    used = state.layers_used(buffer, deck)
     layers = int(used[index])
-    used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration)
+    used[index] = integrate.integrate(buffer, scene, book, load, reference, layers, duration, terms)
     package.keep_pace(book, pace)
     package.use_pace(book, lead_pace)
     state.counters(buffer).packages_integrated += 1.0
@@ -40,14 +38,13 @@ def pass_through(buffer, deck, row, scale, scale_time):
 
 @kernel
 def land_on(buffer, row, area, time):
-    """Spread what lands on a package over an area [m2] and a time [s], kg/(m2 s)."""
-    if area * time <= 0.0:
-        return
-    source, landing = state.source(buffer), state.landing(buffer, row)
-    for i in range(landing.size):
-        source[0, i] = landing[i] / (area * time)
-        if source[0, i] != 0.0:
-            state.work(buffer).source_terms = 1.0
+    """Spread what lands on a package over an area [m2] and a time [s]; the terms of that source."""
+    source, landing, terms = state.source(buffer), state.landing(buffer, row), 0.0
+    if area * time > 0.0:
+        for i in range(landing.size):
+            source[0, i] = landing[i] / (area * time)
+            terms = 1.0 if source[0, i] != 0.0 else terms
+    return terms
 
 
 @kernel
@@ -61,22 +58,22 @@ def refer_to_landing(buffer, deck, index, row):
 
 
 @kernel
-def ride(buffer, deck, index, row, duration):
+def ride(buffer, deck, index, row, duration, terms):
     """Let a package lie on the deck as a whole for `duration` s; what passes is undersize."""
     if duration > 0.0:
-        integrate_package(buffer, deck, index, duration)
+        integrate_package(buffer, deck, index, duration, terms)
         pass_through(buffer, deck, row, package.area_of(buffer, deck, index), 0.0)
 
 
 @kernel
-def discharge(buffer, deck, index, row, duration, rest):
+def discharge(buffer, deck, index, row, duration, rest, terms):
     """Shorten a package to the length `rest` over the deck's end, evenly in `duration` s.
 
     With length l(t): undersize W integral of l dp, oversize W integral of load (-dl); both follow
     exactly from the time integrals of what passed and of the loads.
     """
     length = state.length(buffer, deck)
-    integrate_package(buffer, deck, index, duration)
+    integrate_package(buffer, deck, index, duration, terms)
     width = state.width(buffer)[deck]
     shortening = (length[index] - rest) / duration
     pass_through(buffer, deck, row, width * rest, width * shortening)
@@ -131,17 +128,11 @@ def ride_panels(buffer, deck, index, row, middle, duration, time):
     """
     left = duration
     while True:
-        step = left
-        panel = package.panel_of(buffer, deck, index)
-        crosses = False
-        if panel + 1 < travel.panel_count(buffer, deck) and travel.conveys(buffer, deck):
-            until = travel.panel_end_time(buffer, deck, panel) - middle
-            crosses = until < left
-            step = max(0.0, until) if crosses else left
-        if deck > 0:
-            land_on(buffer, row, package.area_of(buffer, deck, index), time)
-        ride(buffer, deck, index, row, step)
-        state.work(buffer).source_terms = 0.0
+        panel, area = package.panel_of(buffer, deck, index), package.area_of(buffer, deck, index)
+        until = travel.time_to_next(buffer, deck, panel, middle)
+        crosses, step = until < left, max(0.0, min(until, left))
+        terms = land_on(buffer, row, area, time) if deck > 0 else 0.0
+        ride(buffer, deck, index, row, step, terms)
         left -= step
         middle += step
         if not crosses:
@@ -164,7 +155,7 @@ def time_on_deck(buffer, deck, rear, span, duration):
         whole = 0.0
     over = min(duration, max(0.0, end - rear)) - whole
     rest = min(span, end - rear - duration)
-    if rest < package.MOMENT * end / travel.cell_count(buffer, deck):
+    if rest < package.MOMENT * end / state.extent(buffer).cells:
         rest = 0.0
     if rest >= span:
         return whole + over, 0.0, rest
@@ -190,11 +181,9 @@ def advance_package(buffer, deck, index, row, rear, duration):
     ride_panels(buffer, deck, index, row, rear + 0.5 * span, whole, whole + over)
     if rest < span and over > 0.0:
         rest *= package.velocity_of(buffer, deck, index)
-        if deck > 0:
-            area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
-            land_on(buffer, row, area, whole + over)
-        discharge(buffer, deck, index, row, over, rest)
-        state.work(buffer).source_terms = 0.0
+        area = 0.5 * state.width(buffer)[deck] * (length[index] + rest)
+        terms = land_on(buffer, row, area, whole + over) if deck > 0 else 0.0
+        discharge(buffer, deck, index, row, over, rest, terms)
     elif ends:
         shed(buffer, deck, index)
     return length[index]
@@ -203,12 +192,8 @@ def advance_package(buffer, deck, index, row, rear, duration):
 @kernel
 def ride_over(buffer, deck, index, middle):
     """Move a package in which nothing happens on to the panel of its middle."""
-    if travel.conveys(buffer, deck):
-        first = package.panel_of(buffer, deck, index)
-        for panel in range(first, travel.panel_count(buffer, deck) - 1):
-            if travel.panel_end_time(buffer, deck, panel) > middle:
-                break
-            cross(buffer, deck, index)
+    while travel.time_to_next(buffer, deck, package.panel_of(buffer, deck, index), middle) <= 0.0:
+        cross(buffer, deck, index)
 
 
 @kernel

@@ -4,6 +4,8 @@ The riding time is what a package needs from the feed end to a place, s. A deck 
 its panels or on none.
 """
 
+from math import inf
+
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 
@@ -35,6 +37,14 @@ def conveys(buffer, deck):
 def panel_end_time(buffer, deck, panel):
     """Riding time at the end of a panel, s."""
     return riding_time_over(buffer, False, deck, panel + 1)
+
+
+@kernel
+def time_to_next(buffer, deck, panel, time):
+    """Time from a riding time on until the next panel, s; endless on the last one, and at rest."""
+    if panel + 1 < panel_count(buffer, deck) and conveys(buffer, deck):
+        return panel_end_time(buffer, deck, panel) - time
+    return inf
 
 
 @kernel
@@ -75,14 +85,6 @@ def place_after(buffer, deck, time):
 @kernel
 def panel_cells(buffer, deck, panel):
     return int(state.panel_cells(buffer, deck)[panel])
-
-
-@kernel
-def cell_count(buffer, deck):
-    count = 0
-    for panel in range(panel_count(buffer, deck)):
-        count += panel_cells(buffer, deck, panel)
-    return count
 
 
 @kernel

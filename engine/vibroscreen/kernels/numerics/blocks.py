@@ -20,17 +20,6 @@ LOWER, UPPER, OF_PART = TRIAL, TRIAL + 1, TRIAL + 2
 
 
 @kernel
-def active_vector(buffer, at, row):
-    """Row `row` of a field of vectors over the sizes that take part."""
-    return state.vector(buffer, at, state.work(buffer).active, row)
-
-
-@kernel
-def active_column(buffer, at):
-    return view2(buffer, int(buffer[at]), state.extent(buffer).layers, state.work(buffer).active)
-
-
-@kernel
 def _start(buffer, index):
     rows = state.extent(buffer).layers + 2
     return int(buffer[state.AT.stage]) + index * rows * in_fours(state.extent(buffer).nodes)

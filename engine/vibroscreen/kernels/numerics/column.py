@@ -18,14 +18,11 @@ def first_coarse(buffer, scene, load, layers):
 
     They move alike as long as nothing lands on them, so one size carries them all (their mean).
     """
-    size = state.size(buffer)
-    nodes = size.size
-    parameter = state.parameters(buffer)
-    model = parameter.segregation_model
+    size, parameter = state.size(buffer), state.parameters(buffer)
+    nodes, model = size.size, parameter.segregation_model
     known = parameter.passage_law <= passage.BOUNCE and model <= segregation.CLASSIFIED
-    if state.switches(buffer).coarse_sizes == 0.0 or not known:
-        return nodes
-    if state.work(buffer).source_terms > 0.0:
+    on = state.switches(buffer).coarse_sizes > 0.0 and state.work(buffer).source_terms == 0
+    if not (known and on):
         return nodes
     closed = scene.aperture
     if state.extent(buffer).layered > 0.0:
@@ -102,7 +99,7 @@ def gather(buffer, scene, load, reference, layers):
     taking_part = max(1, count + (1 if gathered > 0.0 else 0))
     state.work(buffer).active = in_fours(taking_part)
     fill_block(buffer, load, reference, layers)
-    compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
+    compact_size = state.compact(buffer, 0)
     if gathered > 0.0:
         compact_size[count] = moment / gathered
     for n in range(taking_part, compact_size.size):
@@ -133,10 +130,8 @@ def gather_row(place, straight, load, row, to, to_row):
 def fill_block(buffer, load, reference, layers):
     """Sizes, references, sources and loads of the sizes that take part into compact fields."""
     count, terms = state.work(buffer).active, state.work(buffer).source_terms
-    size = state.size(buffer)
-    place = state.place(buffer)
-    compact_size = blocks.active_vector(buffer, state.AT.compact, 0)
-    weight = blocks.active_vector(buffer, state.AT.compact, 1)
+    size, place = state.size(buffer), state.place(buffer)
+    compact_size, weight = state.compact(buffer, 0), state.compact(buffer, 1)
     now, integral = blocks.stage(buffer, blocks.NOW), blocks.stage(buffer, blocks.INTEGRAL)
     rows_above = layers if terms == 0 else load.shape[0]
     for k in range((rows_above + 1) * count):
@@ -151,8 +146,7 @@ def fill_block(buffer, load, reference, layers):
     for n in range(count):
         weight[n] = 1.0 / weight[n] if weight[n] > layer.NOTHING else 0.0
     straight = places_kept(place)
-    source = state.source(buffer)
-    landing = view2(buffer, int(buffer[state.AT.source_now]), 3, count)
+    source, landing = state.source(buffer), state.source_now(buffer)
     vectors.clear_rows(landing, 0, terms)
     for k in range(terms):
         gather_row(place, straight, source, k, landing, k)
@@ -208,14 +202,13 @@ def close_sizes(buffer, load, before, layers, moment, elapsed):
     nodes, terms = state.work(buffer).active, state.work(buffer).source_terms
     place = state.place(buffer)
     straight = places_kept(place)
-    values = blocks.stage(buffer, blocks.NOW)
-    missing = blocks.active_vector(buffer, state.AT.node_work, 1)
+    values, missing = blocks.stage(buffer, blocks.NOW), state.node_work(buffer, 1)
     sums = view2(buffer, int(buffer[state.AT.node_work]) + nodes, 1, nodes)  # the same numbers
     vectors.fill(missing, 0.0)
     for j in range(before):
         gather_row(place, straight, load, j, sums, 0)
     if terms > 0:
-        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
+        source = state.source_now(buffer)
         for n in range(nodes):
             missing[n] += elapsed * mean_landing(source, n, terms, elapsed, moment)
     for row in range(layers + 1):

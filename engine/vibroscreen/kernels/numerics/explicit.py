@@ -33,7 +33,7 @@ def worst_error(buffer, layers):
     What passed wrongly counts 3/2. What lies in a wrong layer counts by how far it was moved over
     the depth of the bed, twice: the sum over the layers' upper faces of what went through them.
     """
-    nodes, weight = state.work(buffer).active, blocks.active_vector(buffer, state.AT.compact, 1)
+    nodes, weight = state.work(buffer).active, state.compact(buffer, 1)
     out = blocks.stage(buffer, blocks.OF_PART)
     face, worst = 2.0 / layers, all_four(0.0)
     for i in range(0, nodes, 4):

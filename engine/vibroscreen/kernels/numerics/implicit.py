@@ -4,20 +4,12 @@ Of first order whatever its length; extrapolated to higher ones.
 """
 
 from vibroscreen.compiler.elementary import raised
-from vibroscreen.compiler.language import kernel, view2
+from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
 from vibroscreen.kernels.numerics import blocks, kinks, rates
 from vibroscreen.kernels.numerics.column import mean_landing
 from vibroscreen.kernels.numerics.layers import bed_load, layers_for, restack
 from vibroscreen.kernels.physics.layer import layer_mass, weighted_mass
-
-
-@kernel
-def upward_rates(load, down, layers, up):
-    """What each layer sends up, 1/s on its mass: as much as percolates down into it."""
-    for j in range(layers - 1):
-        mass = layer_mass(load, j)
-        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
 
 
 @kernel
@@ -54,23 +46,24 @@ def basic_step(buffer, scene, k, layers, h, moment):
     trial = blocks.TRIAL + 2 * k
     load, passed = blocks.stage_load(buffer, trial), blocks.stage_passed(buffer, trial)
     column, time = blocks.stage(buffer, trial), blocks.stage(buffer, trial + 1)
-    rate = blocks.active_vector(buffer, state.AT.node_work, 0)
-    contact = blocks.active_vector(buffer, state.AT.node_work, 1)
-    stay = blocks.active_vector(buffer, state.AT.node_work, 3)
-    down, up = blocks.active_column(buffer, state.AT.percolation), state.upward(buffer)
+    rate, contact = state.node_work(buffer, 0), state.node_work(buffer, 1)
+    stay = state.node_work(buffer, 3)
+    down, up = state.percolation(buffer), state.upward(buffer)
     nodes = rate.size
     cover = min(1.0, layer_mass(load, 0) / scene.contact_load)
     pace = rates.passage_factors(buffer, scene, load, load, layers, cover, contact, rate)
     for i in range(nodes):
         rate[i] = max(0.0, rate[i]) * pace * contact[i]
-    upward_rates(load, down, layers, up)
-    pivot = blocks.active_column(buffer, state.AT.scratch)
-    implicit_step(load, rate, down, up, pivot, stay, layers, h)
+    for j in range(layers - 1):
+        # A layer sends up as much as percolates down into it: 1/s on its mass.
+        mass = layer_mass(load, j)
+        up[j] = weighted_mass(load, j + 1, down, j + 1) / mass if mass > 0.0 else 0.0
+    implicit_step(load, rate, down, up, state.scratch(buffer), stay, layers, h)
     for i in range(nodes):
         passed[i] += h * rate[i] * load[0, i]
     terms = state.work(buffer).source_terms
     if terms > 0:
-        source = view2(buffer, int(buffer[state.AT.source_now]), 3, nodes)
+        source = state.source_now(buffer)
         for i in range(nodes):
             load[layers - 1, i] += h * mean_landing(source, i, terms, h, moment)
     layers = restack(buffer, scene, load, layers)
@@ -103,7 +96,7 @@ def rows_in_use(buffer, scene, load, layers, h, moment):
     if terms == 0:
         return layers
     landing = 0.0
-    source = view2(buffer, int(buffer[state.AT.source_now]), 3, state.work(buffer).active)
+    source = state.source_now(buffer)
     for i in range(state.work(buffer).active):
         landing += mean_landing(source, i, terms, h, moment)
     more = layers_for(buffer, scene, bed_load(load, layers) + h * landing) + 1
@@ -132,7 +125,7 @@ def step_error(buffer, rows):
     best, second = blocks.TRIAL, blocks.TRIAL + 2
     flux, coarse_flux = blocks.stage_passed(buffer, best), blocks.stage_passed(buffer, second)
     load, coarse_load = blocks.stage_load(buffer, best), blocks.stage_load(buffer, second)
-    weight = blocks.active_vector(buffer, state.AT.compact, 1)
+    weight = state.compact(buffer, 1)
     worst = 0.0
     for i in range(weight.size):
         moved = 0.0
@@ -226,8 +219,7 @@ def try_implicit(buffer, scene, layers, h, moment, book):
     allowed = kinks.allowance(buffer, scene, book, h)
     counter = state.counters(buffer)
     target = book.order
-    now = blocks.stage_load(buffer, blocks.NOW)
-    rows = rows_in_use(buffer, scene, now, layers, h, moment)
+    rows = rows_in_use(buffer, scene, blocks.stage_load(buffer, blocks.NOW), layers, h, moment)
     book.rows = rows
     last, last_cost, last_fit = 1.0, 1e300, h
     used = 0

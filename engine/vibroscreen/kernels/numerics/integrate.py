@@ -36,18 +36,17 @@ def clear_sums(buffer, rows):
 
 
 @kernel
-def integrate(buffer, scene, book, load, reference, layers, duration):
+def integrate(buffer, scene, book, load, reference, layers, duration, terms):
     """Let a column go through `duration` s; returns the number of layers after it.
 
     `load` is advanced in place. The fields column_flux (what passed, kg/m2, and its time integral)
     and column_time (time integral of the loads, kg s/m2, in book.rows rows) hold the sums over the
-    duration.
-    `reference` is what was fed of each node, kg/m2: errors are a part of it. The first
-    `source_terms` rows of `source` are the coefficients in time of what lands on top,
-    kg/(m2 s^(1 + row)).
+    duration. `reference` is what was fed of each node, kg/m2: errors are a part of it. The first
+    `terms` rows of `source` are the coefficients in time of what lands on top, kg/(m2 s^(1 + row)).
     """
     # What lands may open layers, nothing else does.
-    clear_sums(buffer, layers if state.work(buffer).source_terms == 0.0 else load.shape[0])
+    state.work(buffer).source_terms = terms
+    clear_sums(buffer, layers if terms == 0.0 else load.shape[0])
     used = layers
     step = state.step(buffer)
     step.duration, step.left = duration, duration
@@ -186,8 +185,7 @@ def advance_implicit(buffer, scene, book, step, layers):
     work = state.work(buffer)
     if work.part < work.parts:
         until = parts.time_in_part(buffer, moment, step.left)
-        before_sum = blocks.stage(buffer, blocks.K2)
-        vectors.copy(before_sum, blocks.stage(buffer, blocks.INTEGRAL))
+        vectors.copy(blocks.stage(buffer, blocks.K2), blocks.stage(buffer, blocks.INTEGRAL))
     step.length = implicit.implicit_length(buffer, scene, book, step, layers, until)
     state.counters(buffer).column_steps += 1
     rows = book.rows

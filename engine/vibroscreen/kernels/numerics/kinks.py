@@ -72,10 +72,8 @@ def misplaced(buffer, scene, layers, now, rate, over):
     same for every layer that runs out, down to the contact layer, which may not.
     """
     load, change = blocks.stage_load(buffer, now), blocks.stage_load(buffer, rate)
-    share = blocks.stage_share(buffer, now, layers)
-    weight = blocks.active_vector(buffer, state.AT.compact, 1)
-    error = blocks.active_vector(buffer, state.AT.node_work, 1)
-    flux = blocks.active_vector(buffer, state.AT.node_work, 2)
+    share, weight = blocks.stage_share(buffer, now, layers), state.compact(buffer, 1)
+    error, flux = state.node_work(buffer, 1), state.node_work(buffer, 2)
     full = scene.layer_full
     row = layers - 1
     lost = -layer_mass(change, row)

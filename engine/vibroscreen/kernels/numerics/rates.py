@@ -22,9 +22,8 @@ def passage_factors(buffer, scene, load, lower, layers, cover, contact, factor):
     Returns rho_b u cover: of each size the rate rho_b u cover P_i contact_i, 1/s, passes of what
     row 0 holds, as F_0i = contact_i load_0i.
     """
-    parameter, size = state.parameters(buffer), blocks.active_vector(buffer, state.AT.compact, 0)
-    fraction = blocks.active_vector(buffer, state.AT.node_work, 2)
-    percolation = blocks.active_column(buffer, state.AT.percolation)
+    parameter, size = state.parameters(buffer), state.compact(buffer, 0)
+    fraction, percolation = state.node_work(buffer, 2), state.percolation(buffer)
     model, own = parameter.segregation_model, state.extent(buffer).segregation_address
     segregation.segregate(model, own, size, lower, layers, scene, contact, percolation)
     for i in range(0, size.size, 4):
@@ -72,10 +71,8 @@ def column_rates(buffer, scene, now, layers, rate, moment):
     them; where something lands, a thin top layer has that of the start of the step.
     """
     load, change = blocks.stage_load(buffer, now), blocks.stage_load(buffer, rate)
-    passing = blocks.stage_passed(buffer, rate)
-    weight = blocks.active_vector(buffer, state.AT.node_work, 0)
-    contact = blocks.active_vector(buffer, state.AT.node_work, 1)
-    percolation = blocks.active_column(buffer, state.AT.percolation)
+    passing, weight = blocks.stage_passed(buffer, rate), state.node_work(buffer, 0)
+    contact, percolation = state.node_work(buffer, 1), state.percolation(buffer)
     nodes = passing.size
     top = layer.layer_mass(load, layers - 1)
     upper = (layers - 2) * scene.layer_full
@@ -124,7 +121,7 @@ def land(buffer, change, row, moment):
     terms = state.work(buffer).source_terms
     if terms == 0:
         return
-    source = view2(buffer, int(buffer[state.AT.source_now]), 3, change.shape[1])
+    source = state.source_now(buffer)
     if terms == 1:
         for i in range(change.shape[1]):
             change[row, i] += source[0, i]
@@ -152,7 +149,7 @@ def fastest_rate(buffer, scene, layers):
     """Bound of the rates in the column, 1/s, as `column_rates` left them."""
     nodes = state.work(buffer).active
     fastest = blocks.largest_of(view2(buffer, int(buffer[state.AT.node_work]), 1, nodes), 0)
-    percolation = blocks.active_column(buffer, state.AT.percolation)
+    percolation = state.percolation(buffer)
     if fastest == 0.0 and state.work(buffer).source_terms > 0.0:
         # An empty bed does not show how fast it will pass what lands on it.
         pace = scene.density * scene.passage_velocity / scene.contact_load

@@ -1,7 +1,8 @@
 """Motion of the deck along and normal to a panel, as harmonics (MODEL.md, "Displacement")."""
 
 from vibroscreen.compiler.elementary import cos, sin, sine_cosine
-from vibroscreen.compiler.language import Record, kernel, own_model, record, view1, view2
+from vibroscreen.compiler.fields import record_at, record_in
+from vibroscreen.compiler.language import Record, kernel, own_model, view1, view2
 from vibroscreen.kernels.library import entry
 
 # A displacement model of one's own: harmonics, drive, result and work as in rigid_body.
@@ -31,6 +32,10 @@ EDGES = ORDER + 1  # number of edges in use
 CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
 ROLLS = CONSTANT + 4  # share of the grip that rolling takes
 WORK_SIZE = CONSTANT + 5
+# The body on the deck: where it is in the period, how it moves, and its sums.
+body_of, place_of = record_at(BODY_AT, BODY), record_at(PLACE_AT, PLACE)
+law_of, edge_of = record_in(LAWS, LAW, 3), record_in(EDGE, PLACE, 8)
+node_of = record_in(NODE, PLACE, 5)
 
 
 @kernel
@@ -39,35 +44,9 @@ def wave_of(work):
 
 
 @kernel
-def body_of(work):
-    """The body on the deck: where it is in the period, how it moves, and its sums."""
-    return record(work, BODY_AT, BODY)
-
-
-@kernel
 def moving_of(work):
     """What repeats with the period: slip, height, rise, and whether the body flies."""
     return view1(work, BODY_AT + len(PLACE), 4)
-
-
-@kernel
-def law_of(work, row):
-    return record(work, LAWS + 3 * row, LAW)
-
-
-@kernel
-def edge_of(work, k):
-    return record(work, EDGE + 8 * k, PLACE)
-
-
-@kernel
-def node_of(work, k):
-    return record(work, NODE + 5 * k, PLACE)
-
-
-@kernel
-def place_of(work):
-    return record(work, PLACE_AT, PLACE)
 
 
 @entry("void(vector, matrix, float64, matrix)")

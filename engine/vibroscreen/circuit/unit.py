@@ -1,0 +1,120 @@
+"""What every unit of a circuit is: a name, where its outlets lead, what it makes of a feed.
+
+A stream is its mass flow rate by size class, finest first [kg/s]. Many designs of one flowsheet are
+computed together: arrays have the design first, [design, class].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vibroscreen.errors import ConfigError
+from vibroscreen.fields import Number, Text, check_fields, entries, said
+
+__all__ = ["Array", "Given", "Name", "Running", "Target", "Unit", "apply", "numbers_of"]
+
+Array = NDArray[np.float64]
+
+Given: TypeAlias = Mapping[str, Array]
+"""Numbers of a unit that are not the same in all designs, by field: [design]."""
+
+_NAME = re.compile(r"\w[\w /+-]*")
+
+
+class Name(Text):
+    """What a unit, a feed or a product is called: it begins variables, so it has no dot."""
+
+    def check(self, name: str, value: Any) -> str:
+        text = super().check(name, value)
+        if not _NAME.fullmatch(text):
+            raise ConfigError(
+                f"{name} = {text!r} is no name: use letters, digits, spaces and / + - _"
+            )
+        return text
+
+
+class Target(Text):
+    """Where an outlet leads: the name of a unit or a product."""
+
+
+@dataclass(frozen=True)
+class Unit(ABC):
+    """A unit operation. Raises ConfigError with name, value, limit and cure."""
+
+    name: str = said(dataclasses.MISSING, Name("name"))
+
+    def __post_init__(self) -> None:
+        check_fields(self, self.name if isinstance(self.name, str) else "unit")
+
+    @property
+    def targets(self) -> dict[str, str]:
+        """Name of the unit or product that each outlet leads to."""
+        return {
+            outlet: getattr(self, outlet)
+            for outlet, entry in entries(type(self)).items()
+            if isinstance(entry, Target)
+        }
+
+    @abstractmethod
+    def transfers(self, edges: Array, given: Given) -> dict[str, Array]:
+        """What each outlet gets of the feed: a share by class [1 or design, class], or a matrix.
+
+        A matrix [1 or design, class out, class in] where grains change their size. `edges`: the
+        limits of the classes [m].
+        """
+
+    @abstractmethod
+    def start(self, edges: Array) -> Running:
+        """The unit as it runs through time, empty."""
+
+
+class Running(ABC):
+    """A unit that runs through time."""
+
+    @property
+    def held(self) -> Array:
+        """Mass inside the unit by size class [kg], shape [N]; 0 unless it holds something."""
+        return np.zeros(1)
+
+    @property
+    def memory(self) -> Array:
+        """All that it remembers from one step to the next, a row of numbers."""
+        return np.empty(0)
+
+    @memory.setter
+    def memory(self, row: Array) -> None:
+        """Go back to what `memory` gave."""
+        assert row.size == 0  # it holds nothing
+
+    @abstractmethod
+    def step(self, feed: Array, dt: float) -> dict[str, Array]:
+        """Mean rates by class [kg/s] of every outlet over a step of dt [s], the feed constant."""
+
+
+def apply(transfer: Array, streams: Array) -> Array:
+    """What a transfer makes of streams [design, class, any number of them]."""
+    if transfer.ndim == 3:
+        return np.asarray(transfer @ streams)
+    return transfer[:, :, None] * streams
+
+
+def numbers_of(kind: type) -> dict[str, Number]:
+    """The numbers of a unit that may differ between designs, by field."""
+    return {
+        field: entry
+        for field, entry in entries(kind).items()
+        if isinstance(entry, Number) and not entry.whole
+    }
+
+
+def of_designs(value: ArrayLike) -> Array:
+    """A number of every design [design, 1], or the one of all."""
+    return np.atleast_1d(np.asarray(value, dtype=float))[:, None]

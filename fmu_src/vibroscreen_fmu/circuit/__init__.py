@@ -1,0 +1,1 @@
+"""The units of a circuit as FMUs, and a flowsheet as an SSP."""
