@@ -174,6 +174,24 @@ def test_running_steps_have_the_bits_of_python(
     run_steps(ChromiumPage(browser, pages[name], WIDE), name, 300)
 
 
+def test_a_table_of_velocities_follows_the_apertures(browser: Any, tmp_path: Path) -> None:
+    """Another velocity on every panel, and a number that the table does not have."""
+    text = (SCREENS / "two_deck.toml").read_text(encoding="utf-8")
+    law = re.sub(r"velocity_m_s = 0.1 .*", 'velocity_table = "default"', text)
+    config = ScreenConfig.loads(law)
+    assert config.passage.velocity_table is not None
+    page = ChromiumPage(browser, explorer.write_page(config, tmp_path / "page.html"), WIDE)
+    solve_scenes(page, "table", 5)
+    page.run("(() => { putBack(initial); begin(); advance(7); advance(7); })() ?? 1")
+    screen = Screen(config)
+    screen.step(7.0), screen.step(7.0)
+    assert page.run("running.record('output')")["hold_up"] == screen.record("output").hold_up
+    page.run(f"setNumber({control_of(page, 'aperture')}, '450') ?? 1")
+    assert said(page).startswith(
+        "deck[1].panel[1].aperture_mm = 450 lies outside of passage.velocity_table, which ends at "
+    )
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_firefox_has_the_bits_of_python(pages: dict[str, Path], name: str) -> None:
     with firefox() as browser:
