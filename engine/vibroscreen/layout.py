@@ -59,14 +59,7 @@ class Layout:
             for symbols in state.SECTIONS[title].values()
         )
         known["lower_decks"] = known["decks"] - 1
-        known["result"] = (
-            len(state.FIGURE)
-            + len(state.OUTPUT)
-            + known["decks"] * len(state.DECK_RESULT)
-            + known["lower_decks"] * len(state.INTERMEDIATE)
-            + state.ALARM_COUNT * len(state.ALARM)
-            + (state.OVER + known["decks"]) * known["classes"]
-        )
+        known["result"] = sum(state.result_widths(known["decks"], known["classes"]))
         known["streams"] = state.OVER + known["decks"]
         known["sizes"] = in_fours(known["nodes"])  # that take part, with what pads them
         known["block"] = (known["layers"] + 2) * known["sizes"]

@@ -270,13 +270,13 @@ def by_class(nodes: Nodes, values: Array, count: int) -> Array:
     return out
 
 
-_BOX = tuple(figure.scalar for figure in figures.figures_of(BoxFigures))
+BOX = tuple(figure.scalar for figure in figures.figures_of(BoxFigures))
 _DECK = tuple(figure.scalar for figure in figures.DECK)
 
 
 def box_of(output: Mapping[str, Any]) -> dict[str, Any]:
     """The figures of the box among the outputs."""
-    return {name: output[name] for name in _BOX}
+    return {name: output[name] for name in BOX}
 
 
 def reasons(rows: Array) -> dict[str, str]:

@@ -52,6 +52,7 @@ LONGEST_STEP = 1e9  # s; what moves in more is too slow for them, and would be l
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 ENDLESS = (-math.inf, math.inf)
+UNREAD = state.MEMORY.index("unread")
 
 
 class Screen:
@@ -76,7 +77,7 @@ class Screen:
     def _look_up(self) -> None:
         """Find once what every call reads and writes of the buffers."""
         self._run = run.on(self.buffer)
-        self._memory = self.record("memory")
+        self._memory = self.view("memory")
         self._inputs = Inputs(self.layout, self.buffer)
         self._column_inputs = Inputs(self._column, self._column_buffer)
         self._given, self._column_given = (
@@ -155,7 +156,7 @@ class Screen:
 
         Sizes of cuts and products, and the alarm of performance.
         """
-        if self._memory.unread <= 0.0:
+        if self._memory[UNREAD] <= 0.0:
             return False
         self._run(READ, 0.0, 0.0)
         return True
@@ -202,7 +203,7 @@ class Screen:
 
     def _rows(self) -> Rows:
         """What came to every deck and left it in the last step, by node, and its figures."""
-        duration, classes = self._memory.duration, self.config.size_classes.count
+        duration, classes = self.record("memory").duration, self.config.size_classes.count
         rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
         seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
         fed = share * seen[seen.size - classes - 1]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from vibroscreen.figures import BoxFigures
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.layout import Layout
-from vibroscreen.results import Rows, Told, box_of, by_class, class_frame, reasons
+from vibroscreen.results import BOX, Rows, Told, box_of, by_class, class_frame, reasons
 from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.stream import Feed, Stream
 
@@ -26,24 +26,33 @@ if TYPE_CHECKING:  # the host of an FMU need not have it
 Array = NDArray[np.float64]
 Check = Callable[[int, Array, Layout], None]
 
+# Fields of the buffer that a steady state keeps.
+KEPT = (
+    *("scene", "step_mass", "class_mass", "recovery", "feed_fraction", "output"),
+    *("deck_result", "intermediate", "alarm"),
+)
 # Places along the deck at which a profile is given, ends included.
 PROFILE_POINTS = 65
 
 
-class Kept(NamedTuple):
-    """What a steady state keeps of the buffer that it was found in, and what was set in it."""
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What a steady state keeps of the buffer that it was found in: two stretches of it, copied.
 
-    scene: Array
-    step_mass: Array
-    class_mass: Array
-    recovery: Array
-    hold_up_work: Array
-    feed_fraction: Array
-    output: Array
-    deck_result: Array
-    intermediate: Array
-    alarm: Array
-    setting: Array
+    starts: where they began. The first holds what was set, too.
+    """
+
+    layout: Layout
+    starts: tuple[int, int]
+    stretches: tuple[Array, Array]
+
+    def view(self, name: str) -> Array:
+        """The field `name`, shaped."""
+        span = self.layout.span[name]
+        number = int(span.start >= self.starts[1])
+        first = self.starts[number]
+        found = self.stretches[number][span.start - first : span.stop - first]
+        return found.reshape(self.layout.shape[name])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,20 +111,35 @@ class Profile:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, init=False)
 class SteadyResult(Told, BoxFigures[float]):
     """Steady state of a screen under a feed: streams in kg/s, recovery, results of every deck.
 
     `decks` has the results of each deck; numbers that stand here are of the box or of the top deck,
-    in the units of `StepResult`, nan for what there is nothing of. Streams, partition curves and
-    profiles are computed when they are read.
+    in the units of `StepResult`, nan for what there is nothing of. All of it is computed when it is
+    read.
     """
 
     feed: Feed
     alarm_reasons: Mapping[str, str]
-    _rows: Rows = field(repr=False)
     _slice: Slice = field(repr=False)
     _kept: Kept = field(repr=False)
+
+    def __init__(self, feed: Feed, slice_: Slice, kept: Kept) -> None:
+        vars(self).update(feed=feed, _slice=slice_, _kept=kept)
+
+    def __getattr__(self, name: str) -> Any:
+        """What was not read before: figures of the box, reasons of alarms, what decks are from."""
+        if name in BOX:
+            output = self._kept.view("output").tolist()
+            vars(self).update(box_of(dict(zip(state.OUTPUT, output, strict=True))))
+        elif name == "alarm_reasons":
+            vars(self)[name] = reasons(self._kept.view("alarm"))
+        elif name == "_rows":
+            vars(self)[name] = self._slice.rows(self._kept, self.feed.mass_flow_rate)
+        else:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return vars(self)[name]
 
     @property
     def config(self) -> ScreenConfig:
@@ -130,10 +154,10 @@ class SteadyResult(Told, BoxFigures[float]):
     @property
     def recovery(self) -> Array:
         """Part of each class that reaches the undersize, 0 for a class that is not fed [1]."""
-        return self._kept.recovery
+        return self._kept.view("recovery")
 
     def _stream(self, row: int) -> Stream:
-        rates = self._kept.class_mass[row]
+        rates = self._kept.view("class_mass")[row]
         return Stream.of_class_rates(rates, np.asarray(self.feed.mass_fraction))
 
     @cached_property
@@ -154,17 +178,22 @@ class SteadyResult(Told, BoxFigures[float]):
     @property
     def intermediate_p80(self) -> tuple[float, ...]:
         """Size that 80 % of what leaves over each deck below the top one is finer than, m."""
-        return tuple(self._kept.intermediate[:, state.INTERMEDIATE.index("p80")].tolist())
+        return self._between("p80")
 
     @property
     def intermediate_p50(self) -> tuple[float, ...]:
         """Size that half of what leaves over each deck below the top one is finer than, m."""
-        return tuple(self._kept.intermediate[:, state.INTERMEDIATE.index("p50")].tolist())
+        return self._between("p50")
+
+    def _between(self, name: str) -> tuple[float, ...]:
+        """A number of what leaves over each deck below the top one."""
+        rows = self._kept.view("intermediate")
+        return tuple(rows[:, state.INTERMEDIATE.index(name)].tolist())
 
     @property
     def residence_time(self) -> float:
         """Time on the top deck from the feed end to the discharge, s."""
-        velocity = _velocities(self._kept.scene, self.config, 0)
+        velocity = _velocities(self._kept, self.config, 0)
         panels = self.config.decks[0].panels
         return sum(panel.length / float(v) for panel, v in zip(panels, velocity, strict=True))
 
@@ -223,31 +252,31 @@ class Slice:
     ) -> None:
         self.config, self.nodes, self.layout, self.buffer = config, nodes, layout, buffer
         self._run, self._check = run.on(buffer), check
-        setting = slice(layout.section["parameters"].start, layout.section["constants"].stop)
-        fields = {name: layout.view(buffer, name) for name in Kept._fields if name != "setting"}
-        self._found = Kept(**fields, setting=buffer[setting])
+        spans = [layout.span[name] for name in KEPT]
+        work = layout.section["work"].start
+        whole = slice(layout.section["parameters"].start, _last(spans, work))
+        rest = slice(min(s.start for s in spans if s.start >= work), _last(spans, layout.size))
+        self._starts = whole.start, rest.start
+        self._found = buffer[whole], buffer[rest]
 
     def solve(self, feed: Feed) -> SteadyResult:
         """Steady state with the inputs and parameters in the buffer, which are those of `feed`."""
         self._check(self._run(SOLVE, 0.0, 0.0), self.buffer, self.layout)
-        kept = Kept._make([values.copy() for values in self._found])
-        fed = kept.feed_fraction * feed.mass_flow_rate
-        rows = Rows(
+        whole, rest = self._found
+        kept = Kept(self.layout, self._starts, (whole.copy(), rest.copy()))
+        return SteadyResult(feed, self, kept)
+
+    def rows(self, kept: Kept, feed_rate: float) -> Rows:
+        """What the results of decks are made from, in a steady state that was found before."""
+        share = kept.view("feed_fraction")
+        return Rows(
             self.nodes,
             self.config.size_classes.count,
-            kept.deck_result,
-            fed,
-            kept.step_mass,
-            kept.feed_fraction,
+            kept.view("deck_result"),
+            share * feed_rate,
+            kept.view("step_mass"),
+            share,
             self.config.largest_apertures,
-        )
-        return SteadyResult(
-            feed=feed,
-            alarm_reasons=reasons(kept.alarm),
-            _rows=rows,
-            _slice=self,
-            _kept=kept,
-            **box_of(dict(zip(state.OUTPUT, kept.output.tolist(), strict=True))),
         )
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -260,19 +289,25 @@ class Slice:
     def march(self, kept: Kept, points: int) -> tuple[Profile, ...]:
         """What lies along every deck in a steady state that was found before."""
         config, nodes, layout, buffer = self.config, self.nodes, self.layout, self.buffer
-        self._found.setting[:] = kept.setting
+        setting = layout.section["constants"].stop - self._starts[0]
+        self._found[0][:setting] = kept.stretches[0][:setting]
         self._check(self._run(START_SLICE, 0.0, 0.0), buffer, layout)
         return tuple(
-            _profile(config, nodes, layout, buffer, d, _velocities(kept.scene, config, d), points)
+            _profile(config, nodes, layout, buffer, d, _velocities(kept, config, d), points)
             for d in range(len(config.decks))
         )
 
 
-def _velocities(scene: Array, config: ScreenConfig, deck: int) -> Array:
+def _last(spans: Iterable[slice], before: int) -> int:
+    """Where the last of the spans that begin before a place ends."""
+    last: int = max(span.stop for span in spans if span.start < before)
+    return last
+
+
+def _velocities(kept: Kept, config: ScreenConfig, deck: int) -> Array:
     """Velocity of the bed on the panels of a deck, m/s."""
     place = state.SCENE.index("transport_velocity")
-    velocity: Array = scene[deck, : len(config.decks[deck].panels), place]
-    return velocity
+    return kept.view("scene")[deck, : len(config.decks[deck].panels), place]
 
 
 def _profile(

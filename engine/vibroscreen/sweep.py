@@ -440,7 +440,7 @@ def _table(
             raise InputError(f"design {design}: {error}", error.variable)
         reasons_of_refusal[design] = str(error)
     count, classes, decks = len(results), config.size_classes.count, len(config.decks)
-    parts = np.split(results, np.cumsum(_widths(config))[:-1], axis=1)
+    parts = np.split(results, np.cumsum(state.result_widths(decks, classes))[:-1], axis=1)
     _, output, of_decks, between, alarm, rates = parts
     rates = rates.reshape(count, state.OVER + decks, classes)
     products = rates[:, state.UNDER :]
@@ -466,16 +466,3 @@ def _table(
         refused=reasons_of_refusal,
         **box_of(outputs),
     )
-
-
-def _widths(config: ScreenConfig) -> list[int]:
-    """How many numbers each part of a row of results has, in its order (kernels/steady.py)."""
-    decks = len(config.decks)
-    return [
-        len(state.FIGURE),
-        len(state.OUTPUT),
-        decks * len(state.DECK_RESULT),
-        (decks - 1) * len(state.INTERMEDIATE),
-        state.ALARM_COUNT * len(state.ALARM),
-        (state.OVER + decks) * config.size_classes.count,
-    ]

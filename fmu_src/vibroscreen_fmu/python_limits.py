@@ -1,6 +1,7 @@
 """What the python runtime cannot do: pythonfmu's library, which no slave can mend from inside.
 
-Measured with pythonfmu 0.7.0 on Linux, hosts in Python and in C (tests/fmu/test_python_limits.py).
+Measured with pythonfmu 0.7.0 on Linux, hosts in Python and in C (tests/fmu/test_python_limits.py,
+test_bare_host.py).
 """
 
 from __future__ import annotations

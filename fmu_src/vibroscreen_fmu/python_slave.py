@@ -69,30 +69,27 @@ class ScreenSlave(RowSlave):
         screen.buffer[sections["inputs"]] = self._screen.buffer[sections["inputs"]]
         screen.initialise()
         self._take_screen(screen)
-        self._tell_alarms(0)
+        self._known[:] = 0.0
+        self._tell_alarms()
 
     def advance(self, duration: float) -> None:
         """Advance the screen."""
-        before = self._alarms_set()
         self._screen.advance(duration)
-        self._tell_alarms(before)
+        if self._alarms.tobytes() != self._known.tobytes():
+            self._tell_alarms()
 
     def read(self) -> None:
         """Find the sizes of cuts and products."""
-        before = self._alarms_set()
         if self._screen.read():
-            self._tell_alarms(before)
+            self._tell_alarms()
 
-    def _alarms_set(self) -> int:
-        """Which alarms are set, a bit each."""
-        return sum(1 << k for k, on in enumerate(self._alarms.tolist()) if on)
-
-    def _tell_alarms(self, before: int) -> None:
-        """Tell why alarms came on that were not set before."""
-        if self._alarms_set() & ~before:
+    def _tell_alarms(self) -> None:
+        """Tell why alarms came on that were not known of."""
+        if (self._alarms > self._known).any():
             for name, reason in self._screen.alarm_reasons().items():
-                if not before >> ALARM_PLACE[name] & 1:
+                if not self._known[ALARM_PLACE[name]]:
                     self.note(f"{name}: {reason}", Fmi2Status.warning)
+        self._known[:] = self._alarms
 
     def memory(self) -> bytes:
         """The buffer of the screen."""
@@ -111,6 +108,7 @@ class ScreenSlave(RowSlave):
         row = slice(sections["parameters"].start, sections["outputs"].stop)
         self.take(screen.buffer[row])
         self._alarms = screen.view("output")[FIRST_ALARM:]
+        self._known = self._alarms.copy()
 
     def _screen_of(self, parameters: NDArray[np.float64]) -> Screen:
         """A screen with these parameters: the one there is, unless a fixed one differs."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import dem_scale, import_time, many, step_cost
+from tests.benchmarks import circuits, dem_scale, import_time, many, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -265,7 +265,7 @@ def test_settings_at_a_level_reach_it(result: tuple[dict[str, dict], Path]) -> N
 @pytest.fixture(scope="module")
 def costs(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
     folder = tmp_path_factory.mktemp("step_cost")
-    return step_cost.main(3, folder, quick=True, fmu=False), folder
+    return step_cost.main(3, folder, quick=True), folder
 
 
 def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
@@ -278,6 +278,26 @@ def test_step_cost_writes_a_report(costs: tuple[dict, Path]) -> None:
         assert all(0.0 < cost < math.inf for cost in row["us"].values())
     assert [row["switch"] for row in result["skips"]] == list(state.SWITCH)
     assert {row["what"] for row in result["targets"]} >= {"new frequency every step, us"}
+
+
+def test_all_ways_in_are_timed(costs: tuple[dict, Path]) -> None:
+    """Python, the FMU's C functions, fmpy; the native runtime driven by a program in C."""
+    ways = costs[0]["ways"]
+    assert list(ways) == [
+        "engine",
+        "Screen.advance",
+        "Screen.step, with a result",
+        "FMU, C calls",
+        "FMU, fmpy",
+    ]
+    for row in ways.values():
+        assert list(row) == ["steady scene", "frequency"]
+        assert all(0.0 < cost < math.inf for cost in row.values())
+    edge, native = costs[0]["edge"], costs[0]["native"]
+    assert edge["more"] == pytest.approx(edge["FMU, C calls"] - edge["engine"])
+    assert len(native) == 4
+    assert all(0.0 < cost < math.inf for cost in native.values())
+    assert len(costs[0]["targets"]) >= len(step_cost.TARGET)
 
 
 def test_every_skip_works_and_changes_nothing(costs: tuple[dict, Path]) -> None:
@@ -345,3 +365,11 @@ def test_many_designs_in_short(tmp_path: Path) -> None:
     assert result["designs"] == 70
     assert (tmp_path / "many.json").exists()
     assert (tmp_path / "many.png").stat().st_size > 1000
+
+
+def test_many_circuits_in_short(tmp_path: Path) -> None:
+    result = circuits.main(designs=70, repeat=1, output=tmp_path)
+    assert sum(result["status"].values()) == 70
+    assert result["worst"] <= 1e-6
+    assert (tmp_path / "circuits.json").exists()
+    assert (tmp_path / "circuits.png").stat().st_size > 1000

@@ -1,6 +1,6 @@
 """Run time against error: the engine, a column march and the paper's fixed cells, scene by scene.
 
-    python tests/benchmarks/work_precision.py [--output DIR] [--quick]
+    python tests/benchmarks/work_precision.py [--output DIR] [--quick] [--scene d]
 
 Scenes: (a) well mixed bed and (b) sorted bed against exact solutions; (c) two kinds of grains in a
 closed column against solutions with shocks and with a fan; (d) the four experiments of the paper's
@@ -1196,8 +1196,10 @@ def print_ratios(scenes: dict[str, Row]) -> None:
             print(f"{scene['title'][:2]:<8}{row['level']:<8.0e}{line}")
 
 
-def main(output: Path | None = None, *, quick: bool = False) -> dict[str, Any]:
-    """Run all scenes, print, and write into `output` if it is given."""
+def main(
+    output: Path | None = None, *, quick: bool = False, only: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Run the scenes, all unless some are named, print, and write into `output` if it is given."""
     effort = QUICK if quick else Effort()
     tasks: list[tuple[str, Callable[[Callable[[], None]], Row]]] = [
         ("a", functools.partial(scene_a, effort)),
@@ -1207,6 +1209,7 @@ def main(output: Path | None = None, *, quick: bool = False) -> dict[str, Any]:
         ("e", functools.partial(scene_e, effort)),
         *((f.title[:2], functools.partial(scene_f, f, effort)) for f in changes()),
     ]
+    tasks = [task for task in tasks if not only or task[0] in only]
     scenes: dict[str, Row] = {}
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
@@ -1246,5 +1249,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path("dist/benchmarks"))
     parser.add_argument("--quick", action="store_true", help="a tiny version of every scene")
+    parser.add_argument("--scene", action="append", help="only this one, a to f2; several times")
     arguments = parser.parse_args()
-    main(arguments.output, quick=arguments.quick)
+    main(arguments.output, quick=arguments.quick, only=arguments.scene or ())

@@ -1396,12 +1396,12 @@ def run_python(script: str, *arguments: Path | str) -> list[str]:
     return [line for line in run.stdout.splitlines() if not line.startswith("[WARNING] alarm.")]
 
 
-def test_twenty_processes_end_well(fmu: Path, two_decks: Path) -> None:
-    """Of twenty that run one FMU, and twenty that run two of different builds."""
-    runs = [(fmu,), (fmu, two_decks)] * 20
+def test_processes_end_well(fmu: Path, two_decks: Path) -> None:
+    """Of six that run one FMU, and six that run two; without our care more than half abort."""
+    runs = [(fmu,), (fmu, two_decks)] * 6
     with ThreadPoolExecutor(max_workers=2) as pool:
         found = list(pool.map(lambda fmus: run_python(RUN, *fmus), runs))
-    assert found == [found[0], found[1]] * 20
+    assert found == [found[0], found[1]] * 6
     assert [len(lines) for lines in found[:2]] == [1, 2]
     assert float(found[0][0].split()[0]) > 0.0
 

@@ -10,11 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.places import ROOT, SCREENS
 from vibroscreen.compiler import whole
-from vibroscreen.compiler.language import kernel
+from vibroscreen.compiler.language import Record, Row, kernel
 from vibroscreen.compiler.library import says
 from vibroscreen.kernels import library
 
@@ -170,6 +171,15 @@ def test_an_unknown_engine_is_refused() -> None:
         check=False,
     )
     assert "VIBROSCREEN_ENGINE = 'fast' is unknown: give library, jit or python" in done.stderr
+
+
+def test_a_name_that_a_record_has_not_is_no_attribute() -> None:
+    """So that `hasattr` and `getattr` with a default work on the numbers of a screen."""
+    row = Row(np.array([0.0, 2.0]), 0, Record("length width"))
+    assert (row.width, hasattr(row, "width"), hasattr(row, "height")) == (2.0, True, False)
+    for act in (lambda: row.height, lambda: setattr(row, "height", 1.0)):
+        with pytest.raises(AttributeError, match="height is none of length, width"):
+            act()
 
 
 def test_the_stamp_follows_what_kernels_say() -> None:

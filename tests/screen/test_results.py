@@ -174,6 +174,27 @@ def test_many_give_all_figures_of_one_by_one() -> None:
         _ = table.decks[0].feed
 
 
+def test_a_steady_result_that_is_read_later_is_that_of_its_own_feed() -> None:
+    """What is asked of it after another solution, and of a copy of it that was never read."""
+    screen, less = Screen(DOUBLE), Feed(25.0, DOUBLE.feed.mass_fraction)
+    first = screen.solve_steady()
+    copied = pickle.loads(pickle.dumps(first))
+    second = screen.solve_steady(less, Motion.linear(0.004, 16.0, 0.8))
+    alone = Screen(DOUBLE).solve_steady()
+    for late in (first, copied):
+        assert late.alarms == alone.alarms
+        assert late.box_frame().equals(alone.box_frame())
+        assert late.deck_frame().equals(alone.deck_frame())
+        assert late.frame().equals(alone.frame())
+        assert (late.partition.to_oversize == alone.partition.to_oversize).all()
+        assert (late.profiles[1].load == alone.profiles[1].load).all()
+        assert late.residence_time == alone.residence_time
+    assert second.hold_up < 0.9 * first.hold_up
+    assert "efficiency=" in repr(first)
+    with pytest.raises(AttributeError, match="'SteadyResult' object has no attribute 'effciency'"):
+        _ = first.effciency
+
+
 def test_results_are_kept_and_shown() -> None:
     pytest.importorskip("matplotlib")
     step, steady = settled(DOUBLE)

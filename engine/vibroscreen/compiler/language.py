@@ -142,11 +142,17 @@ class Row:
             object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> Any:
-        value = self._buffer[self._place + self._kind.place[name]]
+        value = self._buffer[self._at(name)]
         return int(value) if name in self._kind.whole else value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        self._buffer[self._place + self._kind.place[name]] = value
+        self._buffer[self._at(name)] = value
+
+    def _at(self, name: str) -> int:
+        place = self._kind.place.get(name)
+        if place is None:
+            raise AttributeError(f"{name} is none of {', '.join(self._kind)}", name=name)
+        return self._place + place
 
 
 # --- what the compiler makes by itself, in plain Python ------------------------------------------

@@ -69,15 +69,25 @@ def motion_part(buffer):
 
 
 @kernel
+def check_given(buffer):
+    """Check inputs and parameters, and that the layers are those of the model."""
+    return check(buffer) or check_layers(buffer)
+
+
+@kernel
 def prepare(buffer, fresh):
-    """Bring scenes and feed up to date with inputs and parameters; ACCEPTED or a refusal.
+    """Check inputs and parameters and bring scenes and feed up to date; ACCEPTED or a refusal."""
+    return check_given(buffer) or follow_given(buffer, fresh)
+
+
+@kernel
+def follow_given(buffer, fresh):
+    """Bring scenes and feed up to date with inputs and parameters, which were checked.
 
     What changed is compared with what was seen last, so that the displacement is solved only when
     motion, inclination or friction changed, and packages keep their shared trajectory otherwise.
+    Gives ACCEPTED or a refusal.
     """
-    code = check(buffer) or check_layers(buffer)
-    if code != state.ACCEPTED:
-        return code
     (now, last), switch = seen(buffer), state.switches(buffer)
     look(buffer, now)
     moved = fresh or differ(now, last, 0, motion_part(buffer))

@@ -307,6 +307,17 @@ def panel_place(buffer, deck, number):
 
 
 @kernel
+def result_widths(decks, classes):
+    """Numbers in the parts of a row of many steady solutions, in their order.
+
+    FIGURE, outputs, results of decks, what is between them, alarms, streams by class.
+    """
+    between, streams = (decks - 1) * len(INTERMEDIATE), (OVER + decks) * classes
+    alarms = ALARM_COUNT * len(ALARM)
+    return len(FIGURE), len(OUTPUT), decks * len(DECK_RESULT), between, alarms, streams
+
+
+@kernel
 def slot(buffer, deck, index):
     """Number of a package slot over all decks."""
     return deck * extent(buffer).packages + int(index)

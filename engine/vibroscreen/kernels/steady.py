@@ -61,8 +61,14 @@ def place_nodes(buffer):
 
 @kernel
 def prepare_slice(buffer):
-    """Take the inputs in the buffer into use and start a slice on the top deck; ACCEPTED or not."""
-    code = changes.prepare(buffer, False)
+    """Check the inputs in the buffer and start a slice on the top deck; ACCEPTED or not."""
+    return changes.check_given(buffer) or begin_slice(buffer)
+
+
+@kernel
+def begin_slice(buffer):
+    """Take inputs that were checked into use and start a slice on the top deck; ACCEPTED or not."""
+    code = changes.follow_given(buffer, False)
     if code == state.ACCEPTED:
         for deck in range(state.extent(buffer).decks):
             horizon = travel.residence_time(buffer, deck)
@@ -105,10 +111,16 @@ def solve_steady(buffer):
     the part of each class that reaches the undersize, 0 for one that is not fed, `hold_up_work`
     what lies on every deck [kg], and all outputs are those of a steady step.
     """
+    return changes.check_given(buffer) or solve_checked(buffer)
+
+
+@kernel
+def solve_checked(buffer):
+    """The same under inputs and parameters that were checked."""
     place = int(buffer[state.AT.input])
     if state.inputs(buffer).feed_mass_flow_rate <= 0.0:
         return checks.refuse(buffer, state.REFUSED.no_feed, place + FEED_RATE, 0.0, 0.0)
-    code = prepare_slice(buffer)
+    code = begin_slice(buffer)
     if code != state.ACCEPTED:
         return code
     for deck in range(state.extent(buffer).decks):
@@ -151,15 +163,6 @@ def write_class_recovery(buffer):
 
 
 @kernel
-def result_size(buffer):
-    """Numbers in a row of many steady solutions."""
-    decks = state.extent(buffer).decks
-    size = len(state.FIGURE) + len(state.OUTPUT) + decks * len(state.DECK_RESULT)
-    size += (decks - 1) * len(state.INTERMEDIATE) + state.ALARM_COUNT * len(state.ALARM)
-    return size + (state.OVER + decks) * state.extent(buffer).classes
-
-
-@kernel
 def solve_many(buffer, count, rebuild):
     """Steady states of the first `count` rows of `design`, into `design_result`.
 
@@ -169,17 +172,20 @@ def solve_many(buffer, count, rebuild):
     size = int(buffer[state.AT.output]) - int(buffer[state.AT.parameter])
     setting = state.vector(buffer, state.AT.parameter, size, 0)
     harmonic = state.vector(buffer, state.AT.harmonic, state.MAX_HARMONICS * 5, 0)
-    row_size = result_size(buffer)
+    extent = state.extent(buffer)
+    row_size = 0
+    for width in state.result_widths(extent.decks, extent.classes):
+        row_size += width
     for row in range(count):
         vectors.copy(setting, state.vector(buffer, state.AT.design, size, row))
         vectors.copy(harmonic, state.design_harmonic(buffer, row))
-        code = checks.check(buffer)
+        code = changes.check_given(buffer)
         if code == state.ACCEPTED and rebuild > 0.0:
             place_nodes(buffer)
             _, seen = changes.seen(buffer)
             seen[changes.motion_part(buffer)] = -1.0  # the feed is spread over other nodes
         if code == state.ACCEPTED:
-            code = solve_steady(buffer)
+            code = solve_checked(buffer)
         result = state.vector(buffer, state.AT.design_result, row_size, row)
         vectors.fill(result, 0.0)
         if code != state.ACCEPTED:
@@ -193,13 +199,15 @@ def solve_many(buffer, count, rebuild):
 @kernel
 def write_result(buffer, result):
     """A row of many steady solutions behind its FIGURE: outputs, alarms, streams."""
-    decks, place = state.extent(buffer).decks, len(state.FIGURE)
+    extent = state.extent(buffer)
+    widths = state.result_widths(extent.decks, extent.classes)
+    place = widths[0]
     for at, size in (
-        (state.AT.output, len(state.OUTPUT)),
-        (state.AT.deck_result, decks * len(state.DECK_RESULT)),
-        (state.AT.intermediate, (decks - 1) * len(state.INTERMEDIATE)),
-        (state.AT.alarm, state.ALARM_COUNT * len(state.ALARM)),
-        (state.AT.class_mass, (state.OVER + decks) * state.extent(buffer).classes),
+        (state.AT.output, widths[1]),
+        (state.AT.deck_result, widths[2]),
+        (state.AT.intermediate, widths[3]),
+        (state.AT.alarm, widths[4]),
+        (state.AT.class_mass, widths[5]),
     ):
         place = changes.put(result, place, state.vector(buffer, at, size, 0))
 
