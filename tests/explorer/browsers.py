@@ -7,6 +7,7 @@ wrong in it is kept.
 
 from __future__ import annotations
 
+import gc
 import json
 import shutil
 import socket
@@ -98,18 +99,19 @@ def firefox() -> Iterator[Any]:
     path = shutil.which("firefox-esr")
     if path is None:
         pytest.skip("needs Firefox: apt-get install firefox-esr")
-    from marionette_driver.marionette import Marionette
-
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    browser = Marionette(bin=path, headless=True, host="127.0.0.1", port=port)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
+        from marionette_driver.marionette import Marionette
+
+        browser = Marionette(bin=path, headless=True, host="127.0.0.1", port=port)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
-            browser.start_session()
+        browser.start_session()
         browser.timeout.script = 300.0
         yield browser
     finally:
         browser.quit()
         browser.cleanup()
+        gc.collect()  # sockets that it leaves open are told of here, not in another test
