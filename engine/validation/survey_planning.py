@@ -37,14 +37,14 @@ SURVEY = DATA / "quarry_survey.csv"
 
 # The truth: what the engine has when it follows Karra's curves (engineering_rules.py), rounded.
 TRUTH = {
-    "passage.velocity": 0.35,
-    "segregation.velocity": 0.03,
-    "segregation.dilation": 8.0 * MM,
+    "passage.relative_velocity": 0.85,
+    "segregation.relative_velocity": 0.04,
+    "segregation.relative_dilation": 0.45,
 }
 PARAMETERS = (
-    Parameter("passage.velocity", 0.01, 10.0),
-    Parameter("segregation.velocity", 1e-3, 1.0),
-    Parameter("segregation.dilation", 0.1 * MM, 50.0 * MM),
+    Parameter("passage.relative_velocity", 0.05, 10.0),
+    Parameter("segregation.relative_velocity", 1e-3, 1.0),
+    Parameter("segregation.relative_dilation", 0.01, 5.0),
 )
 NOISE = 0.02  # standard error of a recovery
 SLOWEST, FASTEST = 200.0 * T_H, 800.0 * T_H
@@ -97,7 +97,8 @@ def survey_text(runs: list[Run]) -> str:
     """A survey as a CSV file."""
     lines = [
         "# Four runs of the quarry screen, not measured: made up by survey_planning.py with",
-        "# passage 0.35 m/s, percolation 0.03 m/s, dilation 8 mm and random errors of 0.02.",
+        f"# {', '.join(f'{name} {value:g}' for name, value in TRUTH.items())}",
+        f"# and random errors of {NOISE:g}.",
         "run,lower_mm,upper_mm,rate_t_h,feed_fraction,recovery",
     ]
     for run in runs:

@@ -29,7 +29,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
 from evidence import PICTURES, Section, table
-from vibroscreen import ScreenConfig, solve_steady_many
+from vibroscreen import Screen, ScreenConfig, solve_steady_many
 from vibroscreen.config import QUARRY_EDGES
 from vibroscreen.kernels.physics.closure import (
     passage_factor,
@@ -38,6 +38,7 @@ from vibroscreen.kernels.physics.closure import (
 )
 from vibroscreen.kernels.physics.motion import GRAVITY
 from vibroscreen.motion import Motion, conveying_regime, transport_velocity
+from vibroscreen.number_sets import TYPICAL
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.sizing_rules import (
@@ -84,6 +85,14 @@ POWERS = ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.0, -0.25), (0.0, -0.5), (0.0
 SIXTEEN = 16.0 * MM  # aperture that powers of the aperture are told over
 
 
+NAMES = (
+    "passage.relative_velocity",
+    "segregation.relative_velocity",
+    "segregation.relative_dilation",
+    "bed.relative_contact_depth",
+)
+
+
 @dataclass(frozen=True)
 class Constants:
     """Numbers over the aperture: u and w over sqrt(g a), dilation over grain size, depth over a."""
@@ -93,14 +102,15 @@ class Constants:
     dilation: float
     depth: float
 
+    @classmethod
+    def of(cls, screen: ScreenConfig) -> Constants:
+        """Those of a screen."""
+        return cls(*(screen.value_of(name) for name in NAMES))
+
     def values(self) -> dict[str, float]:
-        """Numbers of a screen by the names of the FMU's variables, SI."""
+        """Numbers of a screen by the names of the FMU's variables."""
         return {
-            "passage.relative_velocity": self.passage,
-            "segregation.relative_velocity": self.percolation,
-            "segregation.relative_dilation": self.dilation,
-            "bed.relative_contact_depth": self.depth,
-            "bed.layer_depth": 0.0,
+            **dict(zip(NAMES, dataclasses.astuple(self), strict=True)),
             "bed.relative_layer_depth": self.depth,
         }
 
@@ -112,8 +122,8 @@ class Constants:
 
 
 START = Constants(0.56, 0.037, 0.6, 1.0)
-# Recommended: the fit at this dilation, the least without a shelf, rounded.
-RECOMMENDED = Constants(0.56, 0.034, 0.8, 1.0)
+# The defaults of the engine: the fit at this dilation, the least without a shelf, rounded.
+RECOMMENDED = Constants.of(ScreenConfig.default())
 
 
 # --- feeds ---------------------------------------------------------------------------------------
@@ -508,8 +518,8 @@ def run() -> Study:
             [try_powers(coarse, p) for p in track(POWERS, "powers", transient=True)]
         ).set_index("power of u"),
         motions(),
-        quarry(RECOMMENDED),
-        trends(RECOMMENDED),
+        quarry(),
+        trends(),
         more_of_it(answer),
     )
 
@@ -655,30 +665,18 @@ def more_of_it(answer: Answer) -> pd.DataFrame:
 
 
 # --- the default quarry screen -------------------------------------------------------------------
-def quarry_screen(constants: Constants) -> ScreenConfig:
-    """The default screen with the model `bed` and the constants."""
-    default = ScreenConfig.default()
-    screen = default.replace(
-        displacement=Displacement("bed"), bed=dataclasses.replace(default.bed, layers=LAYERS)
-    )
-    return screen.with_values(constants.values())
-
-
-def quarry(constants: Constants) -> pd.DataFrame:
-    """The default screen at multiples of its feed, beside the rules and its old numbers."""
-    config = quarry_screen(constants)
-    default = ScreenConfig.default()
-    rates = QUARRY * default.feed.mass_flow_rate
+def quarry() -> pd.DataFrame:
+    """The default screen at multiples of its feed, beside the rules."""
+    config = ScreenConfig.default()
+    rates = QUARRY * config.feed.mass_flow_rate
     solved = solve_steady_many(config, {"feed.mass_flow_rate": rates})
-    before = solve_steady_many(default, {"feed.mass_flow_rate": rates})
-    rules = [Rules(default, rate) for rate in rates]
+    rules = [Rules(config, rate) for rate in rates]
     return pd.DataFrame(
         {
             "feed t/h": rates / T_H,
             "VSMA": [rule.vsma_recovery for rule in rules],
             "Karra": [rule.karra_recovery for rule in rules],
             "recovery": solved.undersize_recovery,
-            "before": before.undersize_recovery,
             "cut/a": solved.cut_size / SIXTEEN,
             "Karra's cut/a": [rule.cut_size / SIXTEEN for rule in rules],
             "Ep mm": solved.ecart_probable / MM,
@@ -688,9 +686,9 @@ def quarry(constants: Constants) -> pd.DataFrame:
     ).set_index("feed t/h")
 
 
-def trends(constants: Constants) -> pd.DataFrame:
+def trends() -> pd.DataFrame:
     """Recovery and cut of the default screen after a change, at the default feed and twice it."""
-    config = quarry_screen(constants)
+    config = ScreenConfig.default()
     rate, width = config.feed.mass_flow_rate, WIDTH
     deck = "deck[1].panel[1]"
     changes: dict[str, dict[str, float]] = {
@@ -727,7 +725,7 @@ def larger(config: ScreenConfig, scale: float) -> ScreenConfig:
     panel = config.decks[0].panels[0]
     motion = config.motion
     feed = dataclasses.replace(config.feed, mass_flow_rate=config.feed.mass_flow_rate * scale**2.5)
-    screen = ScreenConfig(
+    return ScreenConfig(
         SizeClasses(tuple(scale * edge for edge in QUARRY_EDGES)),
         (
             Deck(
@@ -744,7 +742,6 @@ def larger(config: ScreenConfig, scale: float) -> ScreenConfig:
         bed=config.bed,
         feed=feed,
     )
-    return screen.with_values(RECOMMENDED.values())
 
 
 # --- pictures ------------------------------------------------------------------------------------
@@ -780,16 +777,11 @@ def draw_partition(answer: Answer, path: Path) -> None:
     left, middle, right = figure.subplots(1, 3, sharey=True)
     sizes = np.linspace(0.02, 1.4, 300)
     for colour, times in enumerate((0.5, 1.0, 2.0, 3.0)):
-        for screen, style in (
-            (quarry_screen(answer.constants), "-"),
-            (ScreenConfig.default(), ":"),
-        ):
-            x, y = fine_partition(screen, times * screen.feed.mass_flow_rate)
-            label = f"{300 * times:.0f} t/h" if style == "-" else None
-            left.plot(x, y, f"C{colour}{style}", label=label)
+        x, y = fine_partition(times * ScreenConfig.default().feed.mass_flow_rate)
+        left.plot(x, y, f"C{colour}", label=f"{300 * times:.0f} t/h")
         cut = Rules(ScreenConfig.default(), times * 300 * T_H).cut_size / SIXTEEN
         left.plot(sizes, karra_partition(sizes, cut), f"C{colour}--", lw=0.7)
-    left.set(title="default quarry screen (dotted: before, dashed: Karra)")
+    left.set(title="default quarry screen (dashed: Karra)")
     left.legend(fontsize="small")
     place = 0.5 * (EDGES[1 : BELOW + 1] + EDGES[:BELOW])
     for colour, a in enumerate((0, 2, 4, 6, 9)):
@@ -809,10 +801,9 @@ def draw_partition(answer: Answer, path: Path) -> None:
     figure.savefig(path, dpi=100)
 
 
-def fine_partition(screen: ScreenConfig, rate: float) -> tuple[Array, Array]:
+def fine_partition(rate: float) -> tuple[Array, Array]:
     """Size over aperture and part to the oversize at the engine's nodes of the default screen."""
-    from vibroscreen import Screen
-
+    screen = ScreenConfig.default()
     feed = dataclasses.replace(screen.feed, mass_flow_rate=rate)
     part = Screen(screen.replace(feed=feed)).solve_steady().partition
     return part.size / SIXTEEN, part.to_oversize
@@ -961,7 +952,8 @@ the default screen with its sizes over the aperture ("typical") and {len(OVERSIZ
 graded feeds (oversize / part of the undersize finer than half the aperture). VSMA is held at 0.95
 below a load of 1. The typical feed counts {TYPICAL_WEIGHT:g} times one of the others. Constants:
 c_u, c_w = `relative_velocity` of passage and segregation, c_d = `relative_dilation`,
-c_h = `relative_contact_depth` and `relative_layer_depth` (`screens/typical.toml`).
+c_h = `relative_contact_depth` and `relative_layer_depth`: the named set "{TYPICAL}", which is the
+default of every screen.
 
 {summary(study)}
 
@@ -1000,7 +992,7 @@ What the closure makes of u and w at each aperture, under the default motion and
 aperture; the latter's stroke, speed and bed velocity:
 
 {markdown(study.motions)}
-The default quarry screen with the recommended constants, and with the default ones ("before"):
+The default quarry screen:
 
 {markdown(study.quarry)}
 {markdown(study.trends, 4)}

@@ -21,13 +21,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibroscreen import fields
+from vibroscreen import fields, number_sets
 from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Choice, Entry, Section, Sections, Text, entries, of, said, told_of
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, bed_friction
 from vibroscreen.keys import file_value, reading
 from vibroscreen.motion import SENSES, Harmonic, Motion
+from vibroscreen.number_sets import NumberSet
 from vibroscreen.sections import (
     CLOSURES,
     Bed,
@@ -179,25 +180,29 @@ class _MotionSection(Section):
 class ScreenConfig:
     """A vibrating screen and its duty; everything but the size classes has a default.
 
-    decks: top deck first, of equal length. feed: start values, and what a steady solution uses;
-    without fractions it gets a typical composition. Raises ConfigError with name, value, limit
-    and cure.
+    decks: top deck first, of equal length. displacement, passage, segregation, bed: those of the
+    set that `material.calibration` names unless given. feed: start values, and what a steady
+    solution uses; without fractions it gets a typical composition. Raises ConfigError with name,
+    value, limit and cure.
     """
 
     size_classes: SizeClasses = field(metadata=of(Section("size_classes", SizeClasses)))
     decks: tuple[Deck, ...] = said((Deck(),), Sections("deck", Deck))
     material: Material = said(Material(), Section("material", Material))
     motion: Motion = said(_Linear().motion(), _MotionSection("motion", Motion))
-    displacement: Displacement = said(Displacement(), Section("displacement", Displacement))
-    passage: Passage = said(Passage(), Section("passage", Passage))
-    segregation: Segregation = said(Segregation(), Section("segregation", Segregation))
-    bed: Bed = said(Bed(), Section("bed", Bed))
+    displacement: Displacement = said(None, Section("displacement", Displacement))
+    passage: Passage = said(None, Section("passage", Passage))
+    segregation: Segregation = said(None, Section("segregation", Segregation))
+    bed: Bed = said(None, Section("bed", Bed))
     drive: Drive = said(Drive(), Section("drive", Drive))
     solver: Solver = said(Solver(), Section("solver", Solver))
     feed: Feed = said(Feed(), Section("feed", Feed))
     name: str = said("quarry screen", Text("name"))
 
     def __post_init__(self) -> None:
+        if isinstance(self.material, Material):
+            for name, usual in _sections_of(self.calibration).items():
+                object.__setattr__(self, name, _filled(getattr(self, name), usual))
         fields.check_fields(self, "")
         faults = Faults(self._faults())
         with faults:
@@ -228,7 +233,8 @@ class ScreenConfig:
         """Configuration from the tree of a TOML file; file names are relative to `folder`."""
         with reading(cls, tree):
             try:
-                return fields.read_table(cls, tree, "", Path(folder))
+                full = number_sets.completed(tree, Path(folder))
+                return fields.read_table(cls, full, "", Path(folder))
             except ConfigError as error:
                 if coarse_first(file_value("size_classes", "edges_mm")):
                     error.add_note("sizes stand coarsest first: places in lists count from the end")
@@ -266,6 +272,23 @@ class ScreenConfig:
                 numbers["closure"] = CLOSURES[section.follows_vibration]
             told[name] = dataclasses.replace(section, **numbers)
         return self.replace(**told)
+
+    @property
+    def calibration(self) -> NumberSet:
+        """The named set of numbers that the screen rests on, and what that was fitted to."""
+        return number_sets.found(self.material.calibration)
+
+    def beyond_calibration(self) -> list[str]:
+        """What of the screen lies outside of what its numbers were fitted to; empty if nothing.
+
+        A sentence each, with name, value, range and unit: numbers of displacement, passage,
+        segregation and bed that are not those of the named set (its errors do not hold for them);
+        apertures, inclinations, throw numbers, kind of motion, load (feed over what VSMA finds to
+        be screened at 95 %) and feed of each deck outside of the set's range.
+        """
+        from vibroscreen.beyond import beyond  # its rules are told of configurations
+
+        return list(beyond(self, self.calibration, _sections_of(self.calibration)))
 
     def with_values(self, values: Mapping[str, float]) -> ScreenConfig:
         """The same screen with other numbers by name of the FMU's variables, SI, checked again.
@@ -340,6 +363,31 @@ class ScreenConfig:
         steepest = bed_friction(friction, BED_CONSTANTS[2])
         if self.displacement.model == "bed" and slope > steepest:
             warnings.warn(steep(text="steep_bed", limit=steepest), stacklevel=2)
+
+
+def _sections_of(named: NumberSet) -> dict[str, Any]:
+    """Sections of a screen with the numbers of a named set, by the name of their table."""
+    kinds = (Displacement, Passage, Segregation, Bed)
+    try:
+        return {
+            name: fields.read_table(kind, getattr(named, name), name, Path())
+            for name, kind in zip(number_sets.TABLES, kinds, strict=True)
+        }
+    except ConfigError as error:
+        error.add_note(f'in the set "{named.name}"')
+        raise
+
+
+def _filled(section: Any, usual: Any) -> Any:
+    """A section with what it does not give from that of a set; the latter where there is none."""
+    if section is None or type(section) is not type(usual):
+        return usual if section is None else section
+    given, numbers = (
+        {name: value for name in entries(type(one)) if (value := getattr(one, name)) is not None}
+        for one in (section, usual)
+    )
+    more = number_sets.missing(given, numbers)
+    return dataclasses.replace(section, **more) if more else section
 
 
 # An attribute that leads to a number, with the place in it where it is a list; steps and a value.

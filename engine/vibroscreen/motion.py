@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 from vibroscreen.errors import InputError
 from vibroscreen.fields import Entry, Number, check_fields, entries, number
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, solve_bed
+from vibroscreen.kernels.physics.closure import peak_acceleration
 from vibroscreen.kernels.physics.motion import CONSTANT, MAX_ORDER, ROWS, WORK_SIZE, compose_motion
 from vibroscreen.kernels.physics.rigid_body import rigid_body
 from vibroscreen.sections import Material, Panel
-from vibroscreen.units import DEG, MM
+from vibroscreen.units import DEG, GRAVITY, MM
 
 __all__ = ["ConveyingRegime", "Harmonic", "Motion", "conveying_regime", "transport_velocity"]
 
 MAX_AMPLITUDE = 0.1  # m, half the stroke; gyratory screens have .04
+PHASES = 720  # of a period, at which the acceleration is looked at
 HALF_STROKE = 0.5 * MM  # m, the amplitude from the stroke in mm
 MAX_HARMONICS = ROWS - 1
 SENSES = {"with_flow": 1.0, "against_flow": -1.0}
@@ -192,6 +194,22 @@ class Motion:
         for row, part in zip(rows, self.harmonic, strict=False):
             row[:] = (part.order, part.along, part.along_phase, part.normal, part.normal_phase)
         return rows
+
+    @property
+    def peak_acceleration(self) -> float:
+        """Largest acceleration over g, K [1]; of several harmonics the sum, a bound."""
+        return float(peak_acceleration(self.on_panel(), self.frequency))
+
+    def throw_number(self, inclination: float, rotation: float = 0.0) -> float:
+        """Largest acceleration towards a panel over the gravity on it [1].
+
+        inclination [rad]: of the panel; rotation [rad]: by how much it is steeper than the first.
+        """
+        order, _, _, cosine, sine = self.on_panel(rotation)[..., None].swapaxes(0, 1)
+        phase = np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
+        waves = order**2 * (cosine * np.cos(order * phase) + sine * np.sin(order * phase))
+        fastest = waves.sum(axis=0).max() * (2.0 * math.pi * self.frequency) ** 2
+        return float(fastest) / (GRAVITY * math.cos(inclination))
 
     def on_panel(self, rotation: float = 0.0) -> NDArray[np.float64]:
         """Motion along and normal to a panel [m] that is `rotation` [rad] steeper than the first.

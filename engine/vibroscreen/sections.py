@@ -29,6 +29,7 @@ from vibroscreen.fields import (
     to_si,
     told_of,
 )
+from vibroscreen.number_sets import TYPICAL, CalibrationEntry, NumberSet
 from vibroscreen.units import DEG, MM
 
 __all__ = [
@@ -65,9 +66,11 @@ BESIDE = {
     "bed.layer_depth": "bed.relative_layer_depth",
 }
 # What is taken where neither a number nor its part of the aperture is given: the number, the part.
-PASSAGE_VELOCITY = PERCOLATION_VELOCITY = (0.1, 0.0)  # m/s, over sqrt(g aperture)
-DILATION = (1.0 * MM, 0.0)  # m, over the mean grain size
-CONTACT_DEPTH = (20.0 * MM, 0.0)  # m, over the aperture
+# The set "typical dry stone" (calibrations/typical_dry_stone.toml says what it was fitted to).
+PASSAGE_VELOCITY = (0.0, 0.56)  # m/s, over sqrt(g aperture): a fully loose bed, hardly thrown
+PERCOLATION_VELOCITY = (0.0, 0.034)  # m/s, over sqrt(g aperture), at a throw number of 3
+DILATION = (0.0, 0.8)  # m, over the mean grain size: an opening in flight, not a static gap
+CONTACT_DEPTH = (0.0, 1.0)  # m, over the aperture
 BOUNCE = ", used by the passage law bounce"
 
 
@@ -145,11 +148,9 @@ def _pair(
     return fixed or 0.0, relative or 0.0
 
 
-def _follows_vibration(closure: str | None, velocity: float | None, relative: float | None) -> bool:
-    """Whether velocities follow from the vibration: one given in m/s does only if told to."""
-    if closure is None:
-        return relative is not None and velocity is None
-    return closure == "vibration"
+def _follows_vibration(closure: str | None, given: object) -> bool:
+    """Whether velocities follow from the vibration: those `given` in m/s do only if told to."""
+    return given is None if closure is None else closure == "vibration"
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,12 @@ class Deck:
 
 @dataclass(frozen=True)
 class Material:
-    """Bulk density [kg/m3] and friction coefficients [1] on the deck and inside the bed."""
+    """Bulk density [kg/m3] and friction coefficients [1] on the deck and inside the bed.
+
+    calibration: the named set that gives the numbers of displacement, passage, segregation and bed
+    which a file does not write, or a ScreenConfig is not given (`vibroscreen.number_sets`): a
+    name, a path of a set of one's own, or the set.
+    """
 
     bulk_density: float = number(
         1600.0,
@@ -272,6 +278,7 @@ class Material:
         "bed",
         cure="0 is for grains that do not roll",
     )
+    calibration: str | NumberSet = said(TYPICAL, CalibrationEntry())
 
     def __post_init__(self) -> None:
         check_fields(self, "material")
@@ -287,7 +294,7 @@ class Displacement:
     """Model of the transport along the deck; velocity [m/s] is what `prescribed` takes."""
 
     model: str = said(
-        "rigid_body",
+        "bed",
         Choice(
             "model",
             lambda: registry.names("displacement"),
@@ -433,7 +440,8 @@ class Passage:
     @property
     def follows_vibration(self) -> bool:
         """Whether the velocity follows from the vibration."""
-        return _follows_vibration(self.closure, self.velocity, self.relative_velocity)
+        given = self.velocity if self.velocity_table is None else self.velocity_table
+        return _follows_vibration(self.closure, given)
 
     def velocity_at(self, aperture: float) -> float:
         """Velocity of grains through openings of that aperture [m], in m/s.
@@ -556,7 +564,7 @@ class Segregation:
     @property
     def follows_vibration(self) -> bool:
         """Whether the velocities follow from the vibration."""
-        return _follows_vibration(self.closure, self.velocity, self.relative_velocity)
+        return _follows_vibration(self.closure, self.velocity)
 
     @property
     def effective(self) -> dict[str, float]:
@@ -571,11 +579,11 @@ class Segregation:
 class Bed:
     """Layers of the bed and what lies on the deck at the start.
 
-    contact_depth and layer_depth [m]: of the contact layer and of those above; a Bed without
-    layer_depth takes the contact depth (and keeps it: `dataclasses.replace` of the one leaves the
-    other). initial: "empty", or "steady" for full of the duty. layers: room in the state, the
-    contact layer among them, at least 2. reconstruction: "none", every layer is mixed evenly, as in
-    the paper; "linear" where the layers are a grid to be refined (MODEL.md, "Segregation").
+    contact_depth and layer_depth [m]: of the contact layer and of those above, which are as deep
+    unless something else is given. initial: "empty", or "steady" for full of the duty. layers: room
+    in the state, the contact layer among them, at least 2. reconstruction: "none", every layer is
+    mixed evenly, as in the paper; "linear" where the layers are a grid to be refined (MODEL.md,
+    "Segregation").
     """
 
     contact_depth: float | None = number(
@@ -613,7 +621,7 @@ class Bed:
             ),
         ),
     )
-    layers: int = number(16, "layers", whole=True, at_least=2, at_most=10_000, variability="")
+    layers: int = number(32, "layers", whole=True, at_least=2, at_most=10_000, variability="")
     reconstruction: str = said(
         "none", Choice("reconstruction", lambda: RECONSTRUCTIONS, variability="")
     )
@@ -637,10 +645,6 @@ class Bed:
 
     def __post_init__(self) -> None:
         check_fields(self, "bed")
-        if self.layer_depth is None and self.relative_layer_depth is None:
-            depth, relative = _pair(self.contact_depth, self.relative_contact_depth, CONTACT_DEPTH)
-            object.__setattr__(self, "layer_depth", depth)
-            object.__setattr__(self, "relative_layer_depth", relative or None)
 
     @property
     def effective(self) -> dict[str, float]:

@@ -22,6 +22,7 @@ from pathlib import Path, PurePosixPath
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
 from vibroscreen.kernels import library
+from vibroscreen.number_sets import FOLDER
 from vibroscreen.registry import BUILT_IN
 from vibroscreen.screen import check_supported
 from vibroscreen.units import MM
@@ -81,10 +82,10 @@ ABOUT = (
         (
             "solver.tolerance bounds the numerical error of a recovery, not that of the model. "
             "Transport by displacement.model = rigid_body is good to 5-8 % for linear motion and "
-            "wrong by factors for circular motion (against particle simulations): use prescribed "
-            "there. The start values of passage.velocity and segregation.velocity are assumptions, "
-            "not fitted to a plant. Screening is dry; the bed's velocity does not depend on its "
-            "depth.",
+            "wrong by factors for circular motion (against particle simulations): use bed or "
+            "prescribed there. Numbers that are not given are those of typical practice with dry "
+            "stone, fitted to sizing rules, not to a plant. Screening is dry; the bed's velocity "
+            "does not depend on its depth.",
         ),
     ),
     (
@@ -218,6 +219,8 @@ def engine(slave: str = SLAVE) -> Engine:
         }
         if not texts:
             continue
+        if part == ENGINE and "vibroscreen.number_sets" in modules:
+            texts |= {f"{FOLDER.name}/{path.name}": path.read_bytes() for path in FOLDER.iterdir()}
         # What a package gives to its users by name is for people.
         folders = {str(parent) for place in texts for parent in PurePosixPath(place).parents}
         texts |= {f"{folder}/__init__.py".removeprefix("./"): b"" for folder in folders}

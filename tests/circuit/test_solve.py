@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from typer.testing import CliRunner
 
 from tests.places import ROOT
 from vibroscreen import Feed, InputError, Screen, ScreenConfig
@@ -22,6 +25,7 @@ from vibroscreen.circuit import (
     solve_circuit,
     solve_circuit_many,
 )
+from vibroscreen.cli import app
 from vibroscreen.errors import ConfigError
 from vibroscreen.units import KW, MM, T_H
 
@@ -314,3 +318,23 @@ def test_a_crusher_in_python() -> None:
     table = solve_circuit(own)
     assert_array_equal(table.product("p")[0], crusher.crush(own.edges, own.feeds[0].class_rates))
     assert table.power["c"][0] > 110 * KW
+
+
+def test_the_command_prints_streams_and_says_why_not(tmp_path: Path) -> None:
+    said = CliRunner().invoke(app, ["circuit", str(CLOSED)], catch_exceptions=False)
+    assert said.exit_code == 0
+    assert "closed crushing circuit: closed" in said.stdout
+    table = solve_circuit(Flowsheet.load(CLOSED))
+    assert f"Circulating load {100 * table.circulating_load[0]:.1f} %" in said.stdout
+    told = json.loads(CliRunner().invoke(app, ["circuit", str(CLOSED), "--json"]).stdout)
+    assert told["outlets_t_h"]["screen.oversize"] == pytest.approx(
+        table.stream("screen", "oversize")[0] / T_H
+    )
+    small = tmp_path / "small.toml"
+    text = CLOSED.read_text(encoding="utf-8").replace("capacity_t_h = 620", "capacity_t_h = 300")
+    screen = ROOT / "plant_examples" / "screens" / "quarry.toml"
+    small.write_text(text.replace("../screens/quarry.toml", str(screen)), encoding="utf-8")
+    choked = CliRunner().invoke(app, ["circuit", str(small), "--strict"])
+    assert choked.exit_code == 3
+    assert "over capacity" in choked.stdout
+    assert "takes 300 t/h at the most" in " ".join(choked.stdout.split())

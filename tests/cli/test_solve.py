@@ -244,7 +244,7 @@ def test_what_is_set_is_as_if_the_file_said_it(tmp_path: Path) -> None:
         (["deck(1).width_m=3"], "deck(1).width_m is no key: write it as deck[1].panel[1].aperture_mm"),
         (["size_classes.edges_mm="], "size_classes.edges_mm is missing, it has no default: give it"),
         (["feed.rate_t_h=0"], "feed.mass_flow_rate = 0 kg/s has no steady separation"),
-        (["motion.throw_angle_deg=120"], "do not convey a rigid body down deck[1].panel[1]"),
+        (["motion.throw_angle_deg=120"], "do not convey, so there is no steady state"),
         (["passage.velocity_table=nix.csv"], "nix.csv cannot be read"),
     ],
 )  # fmt: skip

@@ -40,6 +40,7 @@ edges_mm = [0, 8, 16, 40]
 subdivision = 1
 [passage]
 law = "gaudin"
+velocity_m_s = 0.1
 [segregation]
 model = "well_mixed"
 [solver]

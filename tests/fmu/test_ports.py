@@ -310,8 +310,10 @@ def test_a_velocity_takes_the_place_of_a_table(config: ScreenConfig) -> None:
 
 
 def test_the_layer_depth_stays_when_the_contact_depth_changes(config: ScreenConfig) -> None:
-    port = table(config)["bed.contact_depth"]
-    assert configured(config, {port: 0.03}).bed == Bed(contact_depth=0.03, layer_depth=0.02)
+    """An FMU has both written out, so that a variable changes what it says and nothing else."""
+    written = config.replace(bed=Bed(contact_depth=0.02)).explicit()
+    bed = configured(written, {table(written)["bed.contact_depth"]: 0.03}).bed
+    assert (bed.effective["contact_depth"], bed.effective["layer_depth"]) == (0.03, 0.02)
 
 
 # --- the screens that are shipped ----------------------------------------------------------------

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from tests.fixed import FIXED, fixed_screen, fixed_segregation
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.kernels import state
-from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation
+from vibroscreen.sections import Deck, Displacement, Panel, Passage
 
-DEFAULT = ScreenConfig.default()
+DEFAULT = fixed_screen()
 SHARE = DEFAULT.feed.mass_fraction
 # Without its finest and two of its coarse classes: empty sizes.
 HOLED = (0.0, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.1)
@@ -39,7 +42,7 @@ def config_of(box: str) -> ScreenConfig:
     return DEFAULT.replace(
         decks=BOXES[box],
         displacement=Displacement("prescribed", 0.3),
-        bed=Bed(layers=12),
+        bed=dataclasses.replace(FIXED["bed"], layers=12),
         passage=Passage("pelevin", velocity=0.3),
         feed=Feed(60.0, SHARE),
     )
@@ -74,7 +77,7 @@ def run(config: ScreenConfig, off: str | None) -> tuple[np.ndarray, dict[str, in
 @pytest.mark.parametrize("box", BOXES)
 @pytest.mark.parametrize("model", ["exchange", "well_mixed"])
 def test_every_switch_changes_nothing_but_the_work(box: str, model: str) -> None:
-    config = config_of(box).replace(segregation=Segregation(model))
+    config = config_of(box).replace(segregation=fixed_segregation(model))
     masses, counters = run(config, None)
     for name in SWITCHES:
         others, without = run(config, name)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numba import njit
 
+from tests.fixed import fixed_screen, fixed_segregation
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register, registry
 from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
 from vibroscreen.sections import Displacement, Passage, Segregation
 
-DEFAULT = ScreenConfig.default()
+DEFAULT = fixed_screen()
 PRESCRIBED = Displacement("prescribed", 0.3)
 
 
@@ -134,9 +135,9 @@ def coarse_first(size, load, layers, scene, contact, percolation):
 def test_own_layered_segregation() -> None:
     register("segregation", "test_exchange", exchange_again, layered=True)
     # the engine would choose other nodes for a model that it does not know
-    nodes = dataclasses.replace(ScreenConfig.default().size_classes, subdivision=3)
-    own = recovery_of(segregation=Segregation("test_exchange"), size_classes=nodes)
-    built_in = recovery_of(segregation=Segregation("exchange"), size_classes=nodes)
+    nodes = dataclasses.replace(DEFAULT.size_classes, subdivision=3)
+    own = recovery_of(segregation=fixed_segregation("test_exchange"), size_classes=nodes)
+    built_in = recovery_of(segregation=fixed_segregation("exchange"), size_classes=nodes)
     assert own == pytest.approx(built_in, abs=1e-9)
     screen = Screen(variant(segregation=Segregation("test_exchange")))
     assert screen.solve_steady().profile.load.shape[1] > 1
@@ -178,6 +179,20 @@ def test_own_displacement() -> None:
     register("displacement", "test_prescribed", prescribed_again)
     own = recovery_of(displacement=Displacement("test_prescribed", 0.3))
     assert own == pytest.approx(recovery_of(displacement=PRESCRIBED), rel=1e-14)
+
+
+def test_the_throw_number_is_that_of_the_motion_whatever_a_model_writes() -> None:
+    """Percolation follows it: `prescribed_again` writes 0."""
+    register("displacement", "test_prescribed", prescribed_again)
+    usual = ScreenConfig.default()
+    own, built_in = (
+        Screen(usual.replace(displacement=Displacement(name, 0.3))).solve_steady()
+        for name in ("test_prescribed", "prescribed")
+    )
+    assert own.recovery == pytest.approx(built_in.recovery, rel=1e-14)
+    assert own.decks[0].throw_number == pytest.approx(
+        0.005 * (2.0 * np.pi * 15.5) ** 2 * np.sin(0.25 * np.pi) / (9.81 * np.cos(np.pi / 36.0))
+    )
 
 
 def test_own_displacement_follows_the_motion() -> None:

@@ -14,6 +14,7 @@ import html5lib
 import pypdf
 import pytest
 
+from tests.fixed import FIXED
 from tests.places import ROOT, SCREENS
 from vibroscreen import InputError, Screen, ScreenConfig, report
 from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, UNITS, text_of
@@ -23,7 +24,7 @@ from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import KW, MM, PERCENT, T_H
 
-DOUBLE = ScreenConfig.load(ROOT / "tests" / "data" / "cases" / "double_deck.toml")
+DOUBLE = ScreenConfig.load(ROOT / "tests" / "data" / "cases" / "double_deck.toml").replace(**FIXED)
 BANANA = ScreenConfig.load(SCREENS / "banana.toml")
 HOSTILE = (
     "</title></style><script>alert(1)</script><img src=x onerror='alert(2)'>\" & &amp; {{ 7 * 7 }} "

@@ -8,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 
+from tests.fixed import fixed_screen
 from tests.places import SCREENS
 from vibroscreen import (
     ConfigError,
@@ -33,7 +34,7 @@ from vibroscreen.sections import (
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
-DEFAULT = ScreenConfig.default()
+DEFAULT = fixed_screen()
 SHARE = DEFAULT.feed.mass_fraction
 PRESCRIBED = Displacement("prescribed", 0.3)
 
@@ -419,7 +420,7 @@ def test_no_steady_state(feed: Feed | None, motion: Motion | None, text: str) ->
 
 def test_initially_steady_screen_answers_everything() -> None:
     """The buffer of the steady solution has room for one slice and must not be filled."""
-    screen = Screen(variant(bed=Bed(initial="steady")))
+    screen = Screen(variant(bed=dataclasses.replace(DEFAULT.bed, initial="steady")))
     plain = Screen(DEFAULT)
     assert (screen.solve_steady().recovery == plain.solve_steady().recovery).all()
     assert (

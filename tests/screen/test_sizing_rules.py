@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.fixed import fixed_screen
 from tests.places import SCREENS
 from vibroscreen import ScreenConfig
 from vibroscreen.sizing_rules import Rules, rules_of
@@ -20,7 +21,7 @@ def of(**changes: float) -> Rules:
         name.replace("__", ".").replace("panel.", "deck[1].panel[1]."): v
         for name, v in changes.items()
     }
-    (found,) = rules_of(ScreenConfig.default().with_values(values))
+    (found,) = rules_of(fixed_screen().with_values(values))
     return found
 
 

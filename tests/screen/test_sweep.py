@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from tests.fixed import fixed_screen
 from vibroscreen import ConfigError, Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.screen import slice_layout
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
@@ -91,10 +92,10 @@ def test_threads_and_order_do_not_show() -> None:
 
 
 def test_configurations_together() -> None:
-    base = ScreenConfig.default()
+    base = fixed_screen()
     configs = [configured(base, VALUES, k) for k in range(7)]
     ellipse = Motion.elliptical(0.005, 16.0, 0.8, 0.3)
-    configs.append(base.replace(motion=ellipse, bed=Bed(15 * MM)))
+    configs.append(base.replace(motion=ellipse, bed=Bed(15 * MM, layers=16)))
     table = solve_steady_many(configs)
     for k, config in enumerate(configs):
         assert_same(table, k, config)

@@ -332,7 +332,7 @@ def test_bad_runs() -> None:
 
 def test_numbers_by_name() -> None:
     """value_of reads and with_values writes any number by the FMU's name, and checks it."""
-    config = ScreenConfig.load(SCREENS / "two_deck.toml")
+    config = ScreenConfig.load(SCREENS / "two_deck.toml").explicit()
     for name, value in (
         ("deck[2].panel[1].aperture", 0.005),
         ("deck[1].panel[2].inclination", 0.1),

@@ -60,7 +60,7 @@ def test_recommended_meets_the_rules(answer: Answer) -> None:
 
 def test_quarry_screen() -> None:
     """0.93 to 0.95 of the undersize at 300 t/h; cut of 0.75 to 0.95 a up to three times that."""
-    frame = example.quarry(example.RECOMMENDED)
+    frame = example.quarry()
     assert 0.93 < frame.recovery[300.0] < 0.95
     cut = frame["cut/a"][:900.0]
     assert ((cut > 0.75) & (cut < 0.95)).all()
@@ -70,7 +70,7 @@ def test_quarry_screen() -> None:
 
 def test_what_changes_nothing_and_what_does() -> None:
     """Width with feed, and all lengths, change nothing; length, width and open area help."""
-    frame = example.trends(example.RECOMMENDED)
+    frame = example.trends()
     usual = frame.recovery["as it is"]
     assert frame.recovery["twice as wide, twice the feed"] == pytest.approx(usual, abs=1e-4)
     assert frame.recovery["all lengths times 3"] == pytest.approx(usual, abs=1e-3)

@@ -1,15 +1,14 @@
-"""The shipped screen with numbers of typical practice is what sizing rules make of it."""
+"""The default screen is what sizing rules make of it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tests.places import SCREENS
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.units import T_H
 
-CONFIG = ScreenConfig.load(SCREENS / "typical.toml")
+CONFIG = ScreenConfig.default()
 
 
 @pytest.fixture(scope="module")

@@ -164,6 +164,20 @@ class Flowsheet:
         units = tuple(unit for key in KINDS for unit in getattr(file, key))
         return cls(file.size_classes, file.feeds, units, file.products, file.name)
 
+    def with_values(self, values: Mapping[str, float]) -> Flowsheet:
+        """The same circuit with other numbers by name, SI, checked again.
+
+        Names are those of `solve_circuit_many`, such as `crusher.closed_side_setting`. Raises
+        ConfigError.
+        """
+        own: dict[str, dict[str, Any]] = {}
+        for full, value in values.items():
+            name, _, field = full.partition(".")
+            own.setdefault(name, {})[field] = value
+        units = tuple(unit.with_values(own.get(unit.name, {})) for unit in self.units)
+        feeds = tuple(dataclasses.replace(feed, **own.get(feed.name, {})) for feed in self.feeds)
+        return dataclasses.replace(self, units=units, feeds=feeds)
+
     # --- the graph -------------------------------------------------------------------------------
     @cached_property
     def edges(self) -> Array:

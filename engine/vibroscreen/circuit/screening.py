@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -89,6 +89,10 @@ class ScreenUnit(Unit):
     def targets(self) -> dict[str, str]:
         between = {f"intermediate[{k}]": to for k, to in enumerate(self.intermediate, start=1)}
         return {"undersize": self.undersize, "oversize": self.oversize} | between
+
+    def with_values(self, values: Mapping[str, Any]) -> ScreenUnit:
+        """The same screen with other numbers by name of the FMU's variables, SI, checked again."""
+        return dataclasses.replace(self, config=self.config.with_values(values))
 
     def on(self, classes: SizeClasses) -> ScreenUnit:
         """The same screen on the size classes of a circuit."""

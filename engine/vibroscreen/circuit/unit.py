@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,14 @@ class Unit(ABC):
             for outlet, entry in entries(type(self)).items()
             if isinstance(entry, Target)
         }
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """The same unit with other numbers by field, SI, checked again."""
+        return dataclasses.replace(self, **values)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields: what was found of them is found again where it is unpickled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @abstractmethod
     def transfers(self, edges: Array, given: Given) -> dict[str, Array]:

@@ -13,16 +13,17 @@ from vibroscreen.cli.terminal import picture, progress, say, table, tell, writte
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.screen import settings_of
+from vibroscreen.sections import BESIDE
 from vibroscreen.survey import read_survey
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FITTED = ("passage.velocity", "segregation.velocity")
+FITTED = ("passage.velocity", "segregation.velocity")  # or what they are over the aperture
 # Bounds of a parameter that is given without: its value over and times this, within what is legal.
 REACH = 100.0
 EXAMPLES = """vibroscreen calibrate survey.csv screen.toml
-vibroscreen calibrate survey.csv screen.toml --fit passage.velocity=0.01:10 --plot fit.png"""
+vibroscreen calibrate survey.csv screen.toml --fit passage.relative_velocity=.1:10 --plot a.png"""
 
 
 def command(
@@ -33,7 +34,7 @@ def command(
         typer.Option(
             metavar="NAME[=LOWER:UPPER]",
             help="A number to fit, by the FMU's name, with its bounds in SI units. Again for more. "
-            f"Default: {', '.join(FITTED)}.",
+            f"Default: {', '.join(FITTED)}, or relative_velocity where the screen has that.",
         ),
     ] = None,
     output: Annotated[
@@ -49,7 +50,7 @@ def command(
     """Fit numbers of a screen to a survey and write it with them."""
     config = ScreenConfig.load(screen)
     runs = read_survey(survey, config)
-    parameters = [_parameter(text, runs[0]) for text in fit or FITTED]
+    parameters = [_parameter(text, runs[0]) for text in fit or _usual(config)]
     with progress("searching") as advance:
         result = calibrate(runs, parameters, starts=starts, leave_out=leave_out, progress=advance)
     found = result.fit
@@ -73,6 +74,11 @@ def command(
 
 def _rms(values: pd.Series[float]) -> float:
     return float((values**2).mean() ** 0.5)
+
+
+def _usual(config: ScreenConfig) -> list[str]:
+    """Both velocities, in m/s or over the aperture as the screen has them."""
+    return [name if config.value_of(name) > 0.0 else BESIDE[name] for name in FITTED]
 
 
 def _parameter(text: str, run: Run) -> Parameter:

@@ -7,6 +7,7 @@ a record, a vector or a matrix: the last extent of a field, or the last two. Tho
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import cache
 from typing import Any, TypeAlias
 
 from vibroscreen.compiler.language import Places, Record, kernel, record, view1, view2
@@ -18,11 +19,12 @@ Symbol: TypeAlias = str | int | Record
 
 
 def _named(made: Any, *said: object) -> Any:
-    """A kernel that the compiler tells from others of its kind."""
+    """A kernel that the compiler tells from others of its kind: no two may say the same."""
     made.__qualname__ = " ".join(map(str, (made.__name__, *said)))
     return kernel(made)
 
 
+@cache
 def record_at(place: int, kind: Record) -> Any:
     """The kernel that finds the record at a place of a row of numbers."""
 
@@ -32,6 +34,7 @@ def record_at(place: int, kind: Record) -> Any:
     return _named(one, place, kind)
 
 
+@cache
 def record_in(place: int, kind: Record, size: int) -> Any:
     """The kernel that finds a record by number: one every `size` numbers from a place on."""
 
@@ -73,6 +76,7 @@ def fields_of(
     return found
 
 
+@cache
 def _dimension(place: int) -> Any:
     def dimension(buffer):
         return int(buffer[place])
@@ -80,6 +84,7 @@ def _dimension(place: int) -> Any:
     return _named(dimension, place)
 
 
+@cache
 def _constant(value: int) -> Any:
     def constant(buffer):
         return value

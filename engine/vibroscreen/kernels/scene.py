@@ -9,13 +9,14 @@ from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import closure, motion
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.prescribed import prescribed
-from vibroscreen.kernels.physics.rigid_body import rigid_body
+from vibroscreen.kernels.physics.rigid_body import rigid_body, set_motion
 
 PRESCRIBED, RIGID_BODY = 1, 2
 FIRST_OF_MOTION = state.INPUT.index("motion_frequency")
 END_OF_MOTION = state.INPUT.index("motion_ellipticity") + 1
 BED_VELOCITY = state.INPUT.index("displacement_velocity")
 INCLINATION, VELOCITY_FACTOR = (state.PANEL.index(n) for n in ("inclination", "velocity_factor"))
+THROW = motion.RESULT.index("throw")
 
 
 @kernel
@@ -59,7 +60,10 @@ def solve_displacement(buffer, deck, number):
     elif model == checks.BED:
         bed_of_grains(harmonic, drive, result, work)
     else:
+        set_motion(harmonic, drive, result, work)
+        throw = result[THROW]
         motion.call_displacement(extent.displacement_address, harmonic, drive, result, work)
+        result[THROW] = throw  # of the motion, whatever the model: percolation follows it
     result[0] *= panel.velocity_factor
 
 

@@ -15,6 +15,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from tests.fixed import FIXED, fixed_segregation
 from tests.kernels.bed.test_conservation import (
     CLOSURE,
     MODELS,
@@ -30,7 +31,7 @@ from tests.kernels.numerics.test_exact_solutions import MIXED, RHO, SIZE, scene
 from tests.places import SCREENS
 from vibroscreen import Feed, InputError, Motion, Screen, ScreenConfig
 from vibroscreen.kernels import state
-from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
+from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Solver
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import DEG, MM
 
@@ -60,8 +61,9 @@ def screen_of(*decks: Deck, model: str = "exchange", **changes: object) -> Scree
         decks=decks,
         **{
             "displacement": Displacement("prescribed", 0.3),
-            "segregation": Segregation(model),
-            "bed": Bed(layers=8),
+            "passage": FIXED["passage"],
+            "segregation": fixed_segregation(model),
+            "bed": dataclasses.replace(FIXED["bed"], layers=8),
             "solver": Solver(1e-4),
             "feed": Feed(60.0, SHARE),
             **changes,

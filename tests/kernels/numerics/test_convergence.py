@@ -5,9 +5,12 @@ Against closed solutions: a well mixed deep bed (tests/kernels/numerics/exact.py
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from tests.fixed import FIXED, fixed_screen
 from tests.kernels.numerics.test_exact_solutions import MIXED, exact_load, scene
 from vibroscreen import Feed, Screen
 from vibroscreen import screen as screen_module
@@ -26,7 +29,7 @@ from vibroscreen.kernels.numerics import (
     rates,
     step_control,
 )
-from vibroscreen.sections import Bed, Displacement, Segregation, Solver
+from vibroscreen.sections import Bed, Displacement, Solver
 from vibroscreen.size_classes import SizeClasses
 
 AREAL_MASS, TIME = 70.0, 2.0
@@ -202,7 +205,7 @@ def test_steps_go_past_layers_that_run_out() -> None:
     At a tolerance of 1e-8 a step ends wherever a layer runs out.
     """
     tolerance, layers = 1e-4, (12, 25, 50, 100)
-    default = ScreenConfig.default()
+    default = fixed_screen()
     steps = []
 
     def solve(count: int, solver: Solver) -> tuple[np.ndarray, float, float]:
@@ -211,7 +214,7 @@ def test_steps_go_past_layers_that_run_out() -> None:
             default.replace(
                 size_classes=SizeClasses(default.size_classes.edges, subdivision=1),
                 displacement=Displacement("prescribed", 0.3),
-                segregation=Segregation("exchange", velocity=0.05),
+                segregation=dataclasses.replace(FIXED["segregation"], velocity=0.05),
                 bed=Bed(contact_depth=depth, layer_depth=depth, layers=count + 1),
                 solver=solver,
             )
