@@ -186,6 +186,11 @@ class NumberSet:
     def __hash__(self) -> int:
         return hash((self.name, self.range))
 
+    @property
+    def shipped(self) -> bool:
+        """Whether it is one of those that are not of a user's own."""
+        return _shipped().get(self.name) == self
+
     @classmethod
     def load(cls, path: Path) -> NumberSet:
         """A set from its file. Raises ConfigError."""
@@ -258,7 +263,7 @@ class CalibrationEntry(Entry):
                 f"{name} = {value!r} is not a set of numbers: give one of {_listed()}, or a path"
             )
         one = found(value)
-        return one.name if _shipped().get(one.name) == one else one
+        return one.name if one.shipped else one
 
     def write(self, value: Any) -> Any:
         return value if isinstance(value, str) else write_table(value)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels.outputs import deep_in_apertures
 from vibroscreen.results import DeckResult
 from vibroscreen.sizing_rules import Rules, rules_of
@@ -31,6 +32,7 @@ USUAL_K = (2.5, 6.0)
 USUAL_VELOCITY = (0.15, 0.8)  # m/s, about half and twice what VSMA reckons with
 # Efficiencies of model and rules that differ by more; rules among themselves scatter by 0.03.
 APART = 0.1
+MOST_TOLD = 2  # reasons in one finding
 # Alarms that say of a result only that a number of it stands for another one.
 MILD = ("alarm.performance",)
 # Alarms that are told as a finding of their own.
@@ -78,9 +80,23 @@ def _findings(steady: SteadyResult) -> Iterator[Finding]:
             low="a gentle drive, few tries for a grain",
             high="boxes are seldom built for it",
         )
+    yield _numbers(steady.config)
     for name, reason in steady.alarm_reasons.items():
         if name not in TOLD:
             yield Finding(AMBER if name in MILD else RED, name, reason)
+
+
+def _numbers(config: ScreenConfig) -> Finding:
+    """Whether the screen lies within what the numbers of its model were fitted to."""
+    subject, outside = "numbers of the model", config.beyond_calibration()
+    if outside:
+        told, more = "; ".join(outside[:MOST_TOLD]), len(outside) - MOST_TOLD
+        return Finding(AMBER, subject, f"{told}; and {more} more" if more > 0 else told)
+    named = config.calibration
+    said = f'within what "{named.name}" was fitted to, {named.fitted_to}'
+    if not named.shipped:
+        return Finding(GREEN, subject, said)
+    return Finding(GREEN, subject, f"{said}; no survey of this screen is in it")
 
 
 def _efficiency(deck: DeckResult[float]) -> Finding:

@@ -109,6 +109,21 @@ def test_a_model_far_from_the_rules_is_amber() -> None:
     assert f"Karra {100.0 * karra:.1f} %: calibrate" in one.reason
 
 
+def test_a_screen_beyond_what_its_numbers_were_fitted_to_is_amber() -> None:
+    subject, motion = "numbers of the model", SCREEN.config.motion
+    one = {f.subject: f for f in findings(SCREEN.solve_steady())}[subject]
+    assert one.level == GREEN
+    assert SCREEN.config.beyond_calibration() == []
+    other = SCREEN.config.replace(motion=dataclasses.replace(motion, frequency=21.0))
+    outside = other.beyond_calibration()
+    one = {f.subject: f for f in findings(Screen(other).solve_steady())}[subject]
+    assert one.level == AMBER
+    assert one.reason.startswith("; ".join(outside[:2]))
+    assert one.reason.endswith(
+        f"; and {len(outside) - 2} more" if len(outside) > 2 else outside[-1]
+    )
+
+
 def test_alarms_are_told_with_their_reasons() -> None:
     double = Screen(ScreenConfig.load(DATA / "double_deck.toml"))
     share = (0.0,) * (double.config.size_classes.count - 1) + (1.0,)

@@ -189,6 +189,16 @@ class Sheet:
         """What the sizing rules say of every deck."""
         return sizing_rules(self.steady)
 
+    @cached_property
+    def outside(self) -> list[str]:
+        """What lies outside of what the numbers of the model were fitted to."""
+        return self.config.beyond_calibration()
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether a set of the user's own was fitted to all of this."""
+        return not (self.config.calibration.shipped or self.outside)
+
     @property
     def motion(self) -> str:
         """The vibration in words."""
