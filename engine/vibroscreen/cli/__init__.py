@@ -34,12 +34,13 @@ COMMANDS = {
     "build": "Build the FMU of a screen, validate it and run two steps.",
     "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "circuit": "Print the steady state of a circuit of crushers and screens.",
-    "study": "Solve many designs of a circuit and find the one of least energy.",
+    "study": "Find the design of a circuit that needs the least energy.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
+    "explore": "Write a page with the engine inside, and open it.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
-EXTRA = {"build": "fmu", "study": "study"}
+EXTRA = {"build": "fmu", "explore": "explore", "study": "study"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
 MENDABLE = (ConfigError, InputError, ImportError, OSError, MemoryError)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 
 import vibroscreen
 from vibroscreen.cli.options import Json, ScreenFile, Set, Strict, end, load
-from vibroscreen.cli.solved import described
+from vibroscreen.cli.solved import described, rests_on
 from vibroscreen.cli.terminal import say, table
-from vibroscreen.practice import AMBER, GREEN, RED, findings, worst
+from vibroscreen.config import ScreenConfig
+from vibroscreen.practice import AMBER, GREEN, RED, Finding, findings, worst
 from vibroscreen.screen import Screen
 
 EXAMPLES = """vibroscreen check screen.toml
@@ -30,7 +32,7 @@ def command(
     """Tell what is wrong or unusual about a screen and its duty."""
     config = load(screen, changes)
     steady = Screen(config).solve_steady()
-    found = findings(steady)
+    found = (*findings(steady), *_calibration(config))
     if as_json:
         print(
             json.dumps(
@@ -54,3 +56,11 @@ def command(
         say()
         say(SUMMARY[worst(found)], WORDS[worst(found)][1])
     end(steady.alarms, strict=strict)
+
+
+def _calibration(config: ScreenConfig) -> Iterator[Finding]:
+    """What the numbers of the model rest on, and what lies beyond that."""
+    beyond = config.beyond_calibration()
+    yield Finding(AMBER if beyond else GREEN, "calibration", rests_on(config))
+    for text in beyond:
+        yield Finding(AMBER, "calibration", text)

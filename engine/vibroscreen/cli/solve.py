@@ -15,6 +15,7 @@ from vibroscreen.cli.solved import (
     document,
     figure,
     labels_of,
+    rests_on,
     rows,
     streams_of,
     two_lines,
@@ -70,6 +71,10 @@ def _print(config: ScreenConfig, steady: SteadyResult) -> None:
         say(f"{name}: {reason}", "yellow")
     if not steady.alarms:
         say("No alarms")
+    say()
+    say(f"Calibration: {rests_on(config)}", "dim")
+    for text in config.beyond_calibration():
+        say(f"beyond it: {text}", "yellow")
 
 
 def _print_products(steady: SteadyResult) -> None:

@@ -27,6 +27,7 @@ __all__ = [
     "document",
     "figure",
     "labels_of",
+    "rests_on",
     "rows",
     "schema",
     "streams_of",
@@ -121,6 +122,16 @@ def figure(value: float, digits: int = 4) -> str:
     return f"{value:.0f}" if "e+" in text else text
 
 
+def rests_on(config: ScreenConfig) -> str:
+    """What the numbers of the model were fitted to, in a sentence."""
+    named = config.calibration
+    error = "" if named.rmse is None else f" (error of a recovery {named.rmse:g})"
+    return (
+        f'numbers of "{named.name}", fitted to {named.fitted_to or "nothing that is said"}{error}; '
+        "a survey of this screen says more: vibroscreen calibrate"
+    )
+
+
 def labels_of(decks: int) -> list[str]:
     """What people call feed and products of a box, in the order of `streams_of`."""
     if decks == 1:
@@ -165,6 +176,12 @@ def document(steady: SteadyResult) -> dict[str, Any]:
             for deck, rules in zip(steady.decks, rules_of(config), strict=True)
         ],
         "box": _figures(steady, BOX),
+        "calibration": {
+            "name": config.calibration.name,
+            "fitted_to": config.calibration.fitted_to,
+            "rmse": config.calibration.rmse,
+            "beyond": config.beyond_calibration(),
+        },
         "alarms": [{"name": name, "reason": why} for name, why in steady.alarm_reasons.items()],
     }
 
@@ -234,6 +251,12 @@ def schema() -> dict[str, Any]:
             recovery=_told(_list(share), "Part of every class that reaches the undersize"),
             decks=_told(_list(deck), "Figures of every deck, top deck first"),
             box=_table(**{key_of(f): _told(number, f.tells) for f in BOX}),
+            calibration=_table(
+                name=_told({"type": "string"}, "Named set of the numbers of the model"),
+                fitted_to=_told({"type": "string"}, "What they were fitted to"),
+                rmse=_told(number, "Root mean square error of a recovery there"),
+                beyond=_told(_list({"type": "string"}), "What lies beyond it, a sentence each"),
+            ),
             alarms=_told(_list(alarms), "Alarms that are set"),
         ),
     }

@@ -58,7 +58,7 @@ def command(
     as_json: Json = False,
     plot: Plot = None,
 ) -> None:
-    """Solve many designs of a circuit and find the one of least energy."""
+    """Find the design of a circuit that needs the least energy."""
     plan = Study.load(study)
     folder = output or study.with_suffix("")
     share = _part(part)
