@@ -1,6 +1,6 @@
-"""Surveys of screens: CSV files of what was fed and what passed, by run and size class.
+"""Surveys by size class: what was fed and what part of it passed, on decks or in batches.
 
-A row is a size class of a run (and a time of a batch). Lines from # on are comment. Columns:
+A row is a size class of a run (and a time of a batch). Columns:
 
     run                        name of the run
     lower_mm, upper_mm         limits of the class
@@ -16,27 +16,25 @@ A row is a size class of a run (and a time of a batch). Lines from # on are comm
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.calibrate import Run
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import nearest
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import SUM_TOLERANCE, Feed
+from vibroscreen.survey.calibrate import Run
+from vibroscreen.survey.table import Row, Table, number
 from vibroscreen.units import MM, T_H
 
-__all__ = ["read_survey"]
+__all__ = ["runs_of", "tells_recoveries"]
 
 Array = NDArray[np.float64]
-Row = Mapping[str, str]
 
 LIMITS = ("lower_mm", "upper_mm")
 STREAMS = ("feed_t_h", "undersize_t_h", "oversize_t_h")
@@ -51,41 +49,34 @@ COLUMNS = (
     *BATCH,
     "sigma",
     "group",
+    "moisture_pct",
 )
 # A recovery may err beyond 0 and 1 by what is measured; more is another unit.
 BEYOND = 0.2
 
 
-def read_survey(path: str | Path, config: ScreenConfig) -> tuple[Run, ...]:
-    """Runs of a survey on a screen; what a run does not say is that of the configuration.
+def tells_recoveries(table: Table) -> bool:
+    """Whether a table is such a survey, not one of sheets of streams."""
+    return "stream" not in table.columns and not any("sieve" in name for name in table.columns)
 
-    Raises InputError with the line and column of what cannot be used, OSError.
+
+def runs_of(table: Table, config: ScreenConfig) -> tuple[Run, ...]:
+    """Runs of a table on a screen; what a run does not say is that of the configuration.
+
+    Raises InputError with the line and column of what cannot be used.
     """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-        kept = [(k, line) for k, line in enumerate(lines, start=1) if line.split("#")[0].strip()]
-        return _runs(kept, config)
-    except InputError as error:
-        error.add_note(f"in {path}")
-        raise
-
-
-def _runs(lines: Sequence[tuple[int, str]], config: ScreenConfig) -> tuple[Run, ...]:
-    reader = csv.DictReader(line for _, line in lines)
-    names = [name.strip() for name in reader.fieldnames or ()]
-    _check_columns(names, config)
-    reader.fieldnames = names
-    runs: dict[str, list[tuple[int, Row]]] = {}
-    for (number, _), row in zip(lines[1:], reader, strict=True):
-        if None in row or None in row.values():
-            raise InputError(
-                f"line {number} has not {len(names)} cells as the head: give one a column", "survey"
-            )
-        stripped = {name: cell.strip() for name, cell in row.items()}
-        runs.setdefault(stripped["run"], []).append((number, stripped))
+    _check_columns(table.columns, config)
+    runs: dict[str, list[Row]] = {}
+    for row in table.rows:
+        runs.setdefault(row.cells["run"], []).append(row)
     if not runs:
         raise InputError("survey holds no rows: give one for every class of every run", "survey")
+    if "moisture_pct" in table.columns:
+        warnings.warn(
+            "the rates are taken as of dry solids, moisture_pct does not change them: where they "
+            "are wet multiply them by 1 - moisture",
+            stacklevel=2,
+        )
     return tuple(_run(name, rows, config) for name, rows in runs.items())
 
 
@@ -125,12 +116,12 @@ def _check_columns(names: Sequence[str], config: ScreenConfig) -> None:
         )
 
 
-def _run(name: str, rows: Sequence[tuple[int, Row]], config: ScreenConfig) -> Run:
+def _run(name: str, rows: Sequence[Row], config: ScreenConfig) -> Run:
     """One run from its rows."""
-    head = rows[0][1]
+    head = rows[0].cells
     times: tuple[float, ...] = ()
     if "time_s" in head:
-        given = [_number(number, row, "time_s") for number, row in rows]
+        given = [number(row, "time_s") for row in rows]
         times = tuple(sorted(set(given)))
         blocks = [
             sorted((r for r, t in zip(rows, given, strict=True) if t == time), key=_lower)
@@ -150,7 +141,7 @@ def _run(name: str, rows: Sequence[tuple[int, Row]], config: ScreenConfig) -> Ru
         size_classes=SizeClasses(edges, config.size_classes.subdivision),
         feed=Feed(rate, tuple(feed / feed.sum())),
     ).with_values(settings)
-    group = {row["group"] for _, row in rows} if "group" in head else {""}
+    group = {row.cells["group"] for row in rows} if "group" in head else {""}
     if len(group) > 1:
         raise InputError(f"group of run {name!r} differs within the run: give one", "group")
     if not times:
@@ -159,29 +150,13 @@ def _run(name: str, rows: Sequence[tuple[int, Row]], config: ScreenConfig) -> Ru
     return Run(name, own, recovery, sigma, group.pop(), mass, times)
 
 
-def _lower(row: tuple[int, Row]) -> float:
-    return _number(*row, "lower_mm")
+def _lower(row: Row) -> float:
+    return number(row, "lower_mm")
 
 
-def _number(line: int, row: Row, column: str, *, empty: bool = False) -> float:
-    """A cell as a number; an empty one is nan where it may be."""
-    text = row[column]
-    if not text and empty:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(
-            f"line {line}: {column} = {text!r} is not a finite number: give one", column
-        )
-    return value
-
-
-def _constant(run: str, rows: Sequence[tuple[int, Row]], column: str) -> float:
+def _constant(run: str, rows: Sequence[Row], column: str) -> float:
     """A number that all rows of a run share."""
-    values = {_number(line, row, column): line for line, row in rows}
+    values = {number(row, column): row for row in rows}
     if len(values) > 1:
         raise InputError(
             f"{column} of run {run!r} is {' and '.join(f'{v:g}' for v in values)}: a run has one, "
@@ -191,15 +166,15 @@ def _constant(run: str, rows: Sequence[tuple[int, Row]], column: str) -> float:
     return next(iter(values))
 
 
-def _edges(run: str, blocks: Sequence[Sequence[tuple[int, Row]]]) -> tuple[float, ...]:
+def _edges(run: str, blocks: Sequence[Sequence[Row]]) -> tuple[float, ...]:
     """Limits of the classes [m], which follow each other and are the same at all times."""
     lists = []
     for block in blocks:
-        limits = [[_number(*row, column) for column in LIMITS] for row in block]
-        for (line, _), before, this in zip(block[1:], limits[:-1], limits[1:], strict=True):
+        limits = [[number(row, column) for column in LIMITS] for row in block]
+        for row, before, this in zip(block[1:], limits[:-1], limits[1:], strict=True):
             if before[1] != this[0]:
                 raise InputError(
-                    f"line {line}: class {this[0]:g} to {this[1]:g} mm of run {run!r} does not "
+                    f"{row.place}: class {this[0]:g} to {this[1]:g} mm of run {run!r} does not "
                     f"begin where the finer one ends, {before[1]:g} mm: classes follow each other, "
                     "one row each",
                     "lower_mm",
@@ -212,16 +187,14 @@ def _edges(run: str, blocks: Sequence[Sequence[tuple[int, Row]]]) -> tuple[float
     return tuple(edge * MM for edge in lists[0])
 
 
-def _table(
-    blocks: Sequence[Sequence[tuple[int, Row]]], column: str, *, empty: bool = False
-) -> Array:
+def _table(blocks: Sequence[Sequence[Row]], column: str, *, empty: bool = False) -> Array:
     """Numbers of a column, [time, class]."""
-    return np.array([[_number(*row, column, empty=empty) for row in block] for block in blocks])
+    return np.array([[number(row, column, empty=empty) for row in block] for block in blocks])
 
 
-def _measured(run: str, blocks: Sequence[Sequence[tuple[int, Row]]]) -> tuple[Array, Array]:
+def _measured(run: str, blocks: Sequence[Sequence[Row]]) -> tuple[Array, Array]:
     """Recoveries [time, class], and what was fed by class, in t/h or as fractions."""
-    first = blocks[0][0][1]
+    first = blocks[0][0].cells
     if "recovery" in first:
         recovery = _table(blocks, "recovery", empty=True)
         feed = _table(blocks, "feed_fraction")
@@ -242,8 +215,10 @@ def _measured(run: str, blocks: Sequence[Sequence[tuple[int, Row]]]) -> tuple[Ar
     fed, under, over = (streams[name] for name in STREAMS)
     for name, stream in streams.items():
         if stream is not None and (stream < 0.0).any():
-            line, row = blocks[0][int(np.flatnonzero(stream < 0.0)[0])]
-            raise InputError(f"line {line}: {name} = {row[name]} is negative: give a rate", name)
+            row = blocks[0][int(np.flatnonzero(stream < 0.0)[0])]
+            raise InputError(
+                f"{row.place}: {name} = {row.cells[name]} is negative: give a rate", name
+            )
     if under is not None and over is not None:
         fed = under + over
     assert fed is not None
@@ -257,14 +232,12 @@ def _measured(run: str, blocks: Sequence[Sequence[tuple[int, Row]]]) -> tuple[Ar
     return recovery, fed
 
 
-def _check_recovery(
-    blocks: Sequence[Sequence[tuple[int, Row]]], recovery: Array, name: str
-) -> None:
+def _check_recovery(blocks: Sequence[Sequence[Row]], recovery: Array, name: str) -> None:
     """Refuse recoveries that can be none."""
     for block, values in zip(blocks, recovery, strict=True):
-        for (line, _), value in zip(block, values, strict=True):
+        for row, value in zip(block, values, strict=True):
             if value < -BEYOND or value > 1.0 + BEYOND:
                 cure = "were per cent meant? divide by 100" if name == "recovery" else "check them"
                 raise InputError(
-                    f"line {line}: {name} = {value:g} is not from 0 to 1: {cure}", name
+                    f"{row.place}: {name} = {value:g} is not from 0 to 1: {cure}", name
                 )
