@@ -1,4 +1,4 @@
-"""Wheels that carry the engine library, one for each platform.
+"""Wheels that carry the engine library, one for each platform, and the engine for browsers.
 
     python engine/wheels.py [--output DIR] [PLATFORM ...]
 
@@ -43,15 +43,17 @@ class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
 def build(platform: str, output: Path) -> Path:
     """Write the wheel of a platform into a folder; the engine is made first if it is not there."""
     from vibroscreen.compiler import machine
+    from vibroscreen.compiler.library import WEB
     from vibroscreen.kernels import library
 
-    kept = library.library(platform)
-    if kept is None:
+    kept = [library.library(target) for target in (platform, WEB)]
+    if None in kept:
         raise SystemExit(f"the library for {platform} needs a linker: pip install ziglang")
     with tempfile.TemporaryDirectory() as folder:
         carried, made = Path(folder, "carried"), Path(folder, "made")
         carried.mkdir()
-        carried.joinpath(kept.name).write_bytes(kept.read_bytes())
+        for path in filter(None, kept):
+            carried.joinpath(path.name).write_bytes(path.read_bytes())
         texts = {path.name: path.read_bytes() for path in library.sources()}
         carried.joinpath(library.STAMP).write_bytes(library.note(texts))
         tag = f"py3-none-{machine.PLATFORMS[platform].wheel}"

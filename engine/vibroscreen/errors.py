@@ -44,6 +44,17 @@ TEXT = {
     "one box are equally long, change the lengths of the panels",
     "coarser_below": "{given} is larger than any opening of the deck above ({limit:.6g} {unit}), "
     "here nothing would be screened: list the coarsest deck first, or swap the two",
+    "no_feed": "{given} has no steady separation: give a positive feed",
+    "no_conveying": "{given}, {other} do not convey, so there is no steady state: raise them, turn "
+    'the throw angle down-slope, or use displacement.model = "prescribed"',
+    "body_stays": "{given}, {other} do not convey a rigid body down deck[1].panel[1] "
+    "({degrees:.4g} deg, it rides at {value:.3g} m/s), so there is no steady state: use "
+    'displacement.model = "bed", grains ride down at {limit:.3g} m/s; or raise them, turn the '
+    'throw angle down-slope, or use displacement.model = "prescribed"',
+    "no_bed_velocity": "{given} does not convey, so there is no steady state: give the velocity of "
+    "the bed",
+    "still_panel": "{given} does not convey, and a deck conveys on all of its panels or on none, "
+    "so there is no steady state: give a factor above 0",
     "two_velocities": "{given} is given beside passage.velocity_table: give one of them",
     "off_table": "{given} lies outside of passage.velocity_table, which ends at {limit:.6g} "
     "{unit}: add rows to the table or give passage.velocity",

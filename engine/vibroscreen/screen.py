@@ -18,14 +18,22 @@ from vibroscreen.errors import ConfigError, InputError, given, told
 from vibroscreen.fields import Choice
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
-from vibroscreen.kernels.entry import ADVANCE, CHECK, INITIALISE, PLACE_NODES, READ, run
+from vibroscreen.kernels.entry import (
+    ADVANCE,
+    CHECK,
+    INITIALISE,
+    PLACE_NODES,
+    READ,
+    READ_BED,
+    run,
+)
 from vibroscreen.kernels.physics.motion import WORK_SIZE
 from vibroscreen.kernels.plan import LEAST_CELLS, cells_for, share_cells
-from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED, RIGID_BODY
+from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
-from vibroscreen.motion import Harmonic, Motion, transport_velocity
-from vibroscreen.results import Rows, StepResult, box_of, reasons
+from vibroscreen.motion import Motion
+from vibroscreen.results import Rows, StepResult, box_of, by_class, reasons
 from vibroscreen.sections import RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
@@ -202,6 +210,19 @@ class Screen:
         figures = self.view("deck_result").copy()
         return Rows(self.nodes, classes, figures, fed, rates, share, self.config.largest_apertures)
 
+    def bed_at(self, place: float, deck: int = 1) -> Array:
+        """What lies now at a place [m] from the feed end: areal mass [layer, class], kg/m2.
+
+        Layer 0 is on the screen; decks count from 1. Raises InputError for what is not there.
+        """
+        if deck not in range(1, len(self.config.decks) + 1):
+            raise InputError(f"deck = {deck!r} is not there: give 1 to {len(self.config.decks)}")
+        length = self.config.decks[deck - 1].length
+        if not 0.0 <= place <= length:
+            raise InputError(f"place = {place!r} m is not on the deck: give 0 to {length:g} m")
+        self._run(READ_BED, float(place), deck - 1.0)
+        return by_class(self.nodes, self.view("column_time"), self.config.size_classes.count)
+
     def balance(self) -> pd.DataFrame:
         """Masses by class since the start, kg: initial, fed, undersize, oversize, held, error."""
         import pandas as pd
@@ -315,9 +336,14 @@ def _passage_factors(config: ScreenConfig, deck: Deck) -> list[float]:
 
 def slice_layout(config: ScreenConfig, designs: int = 1) -> Layout:
     """Room for one slice of the bed, whatever nodes it has, and for so many designs at once."""
+    return roomy_layout(config, packages=False, designs=designs)
+
+
+def roomy_layout(config: ScreenConfig, *, packages: bool, designs: int = 1) -> Layout:
+    """Room for whatever nodes a screen may have; without packages for one slice of the bed."""
     apertures = len(config.apertures)
     room = most_nodes(config.size_classes.count, apertures, float(config.size_classes.subdivision))
-    return _layout(config, int(room), packages=False, designs=designs)
+    return _layout(config, int(room), packages=packages, designs=designs)
 
 
 def passage_velocity(config: ScreenConfig) -> float:
@@ -464,13 +490,6 @@ class Inputs:
             self._motion[:] = motion.fundamental
             self._harmonic[:] = motion.harmonic_rows
 
-    def motion(self) -> Motion:
-        """The motion that is there."""
-        rows = self._harmonic.reshape(-1, 5).tolist()
-        parts = tuple(Harmonic(int(order), *row) for order, *row in rows if order)
-        frequency, amplitude, throw_angle, ellipticity = self._motion.tolist()
-        return Motion(frequency, amplitude, throw_angle, ellipticity, parts)
-
 
 def variable_at(layout: Layout, buffer: Array, index: int) -> Variable:
     """The parameter or input at a place of the buffer."""
@@ -498,77 +517,24 @@ def refusal_of(
 ) -> InputError:
     """The error of a refusal: its code, the place of the buffer, its value and limit."""
     key = state.REFUSED[int(code) - 1]
-    if key == "no_feed":
-        return InputError(
-            "feed.mass_flow_rate = 0 kg/s has no steady separation: give a positive feed",
-            "feed.mass_flow_rate",
-        )
-    if key == "no_conveying":
-        return no_conveying(layout, buffer)
     if key == "bad_sum":
         return InputError(told(key, value=value, limit=limit), "feed.mass_fraction")
-    variable = variable_at(layout, buffer, int(index))
+    variable, number = variable_at(layout, buffer, int(index)), float(buffer[int(index)])
     most = layout.view(buffer, "limit")[int(index) - layout.section["parameters"].start, 1]
+    amplitude = layout.record(buffer, "input").motion_amplitude
+    slope = value if key == "too_steep" else layout.record(buffer, "panel")[0, 0].inclination
     text = told(
         key,
         name=variable.name,
-        given=given(variable.name, value, variable.unit),
+        given=given(variable.name, number, variable.unit),
+        other=given("motion.amplitude", amplitude, "m"),
         unit=variable.unit,
         range=variable.range(most),
         cure=variable.cure(key, value, most),
         value=value,
         limit=limit,
-        degrees=value / DEG,
-        slope=math.tan(value) if key == "too_steep" else 0.0,
-        number=float(buffer[int(index)]),
+        degrees=slope / DEG,
+        slope=math.tan(slope),
+        number=number,
     )
     return InputError(text, variable.name)
-
-
-def no_conveying(layout: Layout, buffer: Array) -> InputError:
-    """What to say of a deck that does not convey."""
-    inputs = layout.record(buffer, "input")
-    frequency, amplitude = inputs.motion_frequency, inputs.motion_amplitude
-    velocity = inputs.displacement_velocity
-    model = layout.record(buffer, "parameter").displacement_model
-    if model == PRESCRIBED and velocity == 0.0:
-        return InputError(
-            "displacement.velocity = 0 m/s does not convey, so there is no steady state: give the "
-            "velocity of the bed",
-            "displacement.velocity",
-        )
-    moves = frequency > 0.0 and (amplitude != 0.0 or layout.view(buffer, "harmonic").any())
-    if moves:
-        panels = layout.record(buffer, "panel")
-        for d, count in enumerate(layout.view(buffer, "panel_count").astype(int).tolist()):
-            factors = panels[d, :count].velocity_factor
-            if factors.min() == 0.0:
-                name = f"deck[{d + 1}].panel[{int(factors.argmin()) + 1}].velocity_factor"
-                return InputError(
-                    f"{name} = 0 does not convey, and a deck conveys on all of its panels or on "
-                    "none, so there is no steady state: give a factor above 0",
-                    name,
-                )
-    why, cure = "", ""
-    if moves and model == RIGID_BODY:
-        why, cure = _grains_ride(layout, buffer)
-    return InputError(
-        f"motion.frequency = {frequency:.6g} Hz, motion.amplitude = {amplitude:.6g} m do not "
-        f"convey{why}, so there is no steady state: {cure}raise them, turn the throw angle "
-        'down-slope, or use displacement.model = "prescribed"',
-        "motion.frequency",
-    )
-
-
-def _grains_ride(layout: Layout, buffer: Array) -> tuple[str, str]:
-    """Why a rigid body does not ride down the first panel, and the model that does, if it does."""
-    slope = layout.record(buffer, "panel")[0, 0].inclination
-    parameter = layout.record(buffer, "parameter")
-    friction = min(parameter.material_friction_deck, parameter.material_friction_internal)
-    motion = Inputs(layout, buffer).motion()
-    rigid, bed = (transport_velocity(motion, slope, friction, m) for m in ("rigid_body", "bed"))
-    if rigid > 0.0:
-        return "", ""
-    where = f" a rigid body down deck[1].panel[1] ({slope / DEG:.4g} deg, it rides at {rigid:.3g}"
-    cure = f'use displacement.model = "bed", grains ride down at {bed:.3g} m/s; or '
-    return f"{where} m/s)", cure if bed > 0.0 else ""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.fixed import fixed_screen
+from tests.places import SCREENS
 from vibroscreen import (
     ConfigError,
     Feed,
@@ -744,3 +745,45 @@ def test_cut_size_is_not_above_the_aperture() -> None:
     assert steady.undersize_recovery > 0.9
     assert 12 * MM < steady.cut_size <= 16 * MM
     assert screen.step(1.0).cut_size == pytest.approx(steady.cut_size, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["quarry", "two_deck", "banana"])
+def test_the_bed_along_the_decks_is_what_is_held(name: str) -> None:
+    """Summed over all places it is what the ledger holds of each class.
+
+    What is fed to a deck that stands still piles up at the feed end itself.
+    """
+    screen = Screen(ScreenConfig.load(SCREENS / f"{name}.toml"))
+    feed, motion = screen.config.feed, screen.config.motion
+    stopped = dataclasses.replace(motion, frequency=0.0)
+    for share, moves, duration in (
+        *((1.0, motion, 4.0), (1.3, motion, 3.0), (0.0, motion, 2.0), (0.8, motion, 2.5)),
+        *((0.8, stopped, 2.0), (0.8, motion, 1.5), (1.0, motion, 200.0)),
+    ):
+        rate = share * feed.mass_flow_rate
+        screen.step(duration, dataclasses.replace(feed, mass_flow_rate=rate), moves)
+        depth = screen.bed_at(0.0).sum() / screen.config.material.bulk_density
+        if moves is stopped:
+            assert depth == pytest.approx(screen.record("output").depth_feed, rel=1e-12)
+            continue
+        found = np.zeros(screen.config.size_classes.count)
+        for number, deck in enumerate(screen.config.decks, start=1):
+            places = (np.arange(1500) + 0.5) * deck.length / 1500
+            loads = [screen.bed_at(place, number).sum(axis=0) for place in places]
+            found += np.mean(loads, axis=0) * deck.length * deck.width
+        assert found == pytest.approx(screen.view("held"), rel=0.01, abs=1e-3 * found.sum())
+        # A package over the end of a panel counts on one of the two; a pile ends between places.
+        assert found.sum() == pytest.approx(screen.record("output").hold_up, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((6.1,), r"place = 6.1 m is not on the deck: give 0 to 6 m"),
+        ((float("nan"),), r"place = nan m is not on the deck"),
+        ((1.0, 2), r"deck = 2 is not there: give 1 to 1"),
+    ],
+)
+def test_a_place_that_is_not_there(arguments: tuple, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        Screen(DEFAULT).bed_at(*arguments)

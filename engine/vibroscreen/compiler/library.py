@@ -46,6 +46,8 @@ HOSTS = {
     ("Darwin", "arm64"): "darwin64",
 }
 SUFFIX = {"linux64": ".so", "aarch64-linux": ".so", "win64": ".dll", "darwin64": ".dylib"}
+# What browsers run, on any machine: WebAssembly, without the C layer.
+WEB, WEB_SUFFIX = "wasm32", ".wasm"
 
 
 # --- stamps and files ----------------------------------------------------------------------------
@@ -260,16 +262,20 @@ class Library:
         return path.read_bytes()
 
     def make(self, path: Path, target: str) -> None:
-        """Make the library of a platform at a path."""
+        """Make the library of a platform, or that for browsers, at a path."""
         from vibroscreen.compiler import machine
 
         code = self.kept_code()
         self.load()
-        keep(path, machine.engine_library(code, target, self.c_sources(target)))
+        if target == WEB:
+            keep(path, machine.web_library(code))
+        else:
+            keep(path, machine.engine_library(code, target, self.c_sources(target)))
 
     def name_of(self, target: str) -> str:
-        """File name of the library for a platform."""
-        return f"engine-{'-'.join(self.stamps())}-{target}{SUFFIX[target]}"
+        """File name of the library for a platform, or for browsers."""
+        suffix = WEB_SUFFIX if target == WEB else SUFFIX[target]
+        return f"engine-{'-'.join(self.stamps())}-{target}{suffix}"
 
     def at_hand(self) -> dict[str, Path]:
         """The libraries that there are, by platform; this machine's is made if it is not there."""

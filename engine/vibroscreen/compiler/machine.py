@@ -113,6 +113,10 @@ PLATFORMS = {
         ),
     ),
 }
+# Of WebAssembly: vectors of two doubles, and memory that is filled and copied at once, which all
+# browsers have since 2023; the stack, bytes.
+WEB_TRIPLE, WEB_FEATURES = "wasm32-unknown-unknown", "+simd128,+bulk-memory,+bulk-memory-opt"
+WEB_STACK = 1 << 20
 
 
 def host() -> str:
@@ -340,6 +344,38 @@ def engine_library(code: bytes, target: str, c_sources: Mapping[str, bytes]) -> 
         return link(part, "vibroscreen", files, ())
 
     return for_all(target, made)
+
+
+def web_library(code: bytes) -> bytes:
+    """The kernels for browsers, from intermediate code: a WebAssembly module that needs nothing.
+
+    It shows the entries, its memory, and from where on that is free (`__heap_base`). Raises
+    ConfigError with what the linker says.
+    """
+    if not importlib.util.find_spec("ziglang"):
+        raise ConfigError(
+            "WebAssembly needs the linker of ziglang: pip install ziglang "
+            "(pip install 'vibroscreen[explore]')"
+        )
+    module = llvm.parse_bitcode(code)
+    machine = _machine(WEB_TRIPLE, "generic", WEB_FEATURES, reloc="static")
+    shown = _symbols(ENTRIES.values())
+    _optimise(module, machine, WEB_TRIPLE, shown)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        place.joinpath("kernels.o").write_bytes(machine.emit_object(module))
+        linker = (sys.executable, "-m", "ziglang", "wasm-ld", "--no-entry", "--strip-all")
+        exports = [f"--export={name}" for name in (*shown, "__heap_base")]
+        run = subprocess.run(
+            (*linker, *exports, "-z", f"stack-size={WEB_STACK}", "kernels.o", "-o", "kernels.wasm"),
+            cwd=place,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if run.returncode != 0:
+            raise ConfigError(f"the engine for browsers does not link:\n{run.stderr}")
+        return place.joinpath("kernels.wasm").read_bytes()
 
 
 def for_all(target: str, make: Callable[[Platform], bytes]) -> bytes:

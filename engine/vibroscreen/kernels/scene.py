@@ -14,8 +14,9 @@ from vibroscreen.kernels.physics.rigid_body import rigid_body, set_motion
 PRESCRIBED, RIGID_BODY = 1, 2
 FIRST_OF_MOTION = state.INPUT.index("motion_frequency")
 END_OF_MOTION = state.INPUT.index("motion_ellipticity") + 1
+BED_VELOCITY = state.INPUT.index("displacement_velocity")
+INCLINATION, VELOCITY_FACTOR = (state.PANEL.index(n) for n in ("inclination", "velocity_factor"))
 THROW = motion.RESULT.index("throw")
-INCLINATION = state.PANEL.index("inclination")
 
 
 @kernel
@@ -64,6 +65,40 @@ def solve_displacement(buffer, deck, number):
         motion.call_displacement(extent.displacement_address, harmonic, drive, result, work)
         result[THROW] = throw  # of the motion, whatever the model: percolation follows it
     result[0] *= panel.velocity_factor
+
+
+@kernel
+def velocity_by(buffer, model):
+    """Velocity of the bed on the first panel by a displacement model [m/s]; below 0 it rides up."""
+    parameter = state.parameters(buffer)
+    own = parameter.displacement_model
+    parameter.displacement_model = model
+    solve_displacement(buffer, 0, 0)
+    parameter.displacement_model = own
+    return state.displacement_result(buffer)[0]
+
+
+@kernel
+def refuse_still(buffer):
+    """Say why a bed does not move, and how fast it would ride as grains where a body rides up."""
+    parameter, inputs = state.parameters(buffer), state.inputs(buffer)
+    place = int(buffer[state.AT.input])
+    if parameter.displacement_model == PRESCRIBED and inputs.displacement_velocity == 0.0:
+        place += BED_VELOCITY
+        return checks.refuse(buffer, state.REFUSED.no_bed_velocity, place, 0.0, 0.0)
+    place += FIRST_OF_MOTION
+    if not vibrates(buffer):
+        return checks.refuse(buffer, state.REFUSED.no_conveying, place, 0.0, 0.0)
+    for deck in range(state.extent(buffer).decks):
+        for number in range(panel_count(buffer, deck)):
+            if state.panel(buffer, deck, number).velocity_factor == 0.0:
+                still = state.panel_place(buffer, deck, number) + VELOCITY_FACTOR
+                return checks.refuse(buffer, state.REFUSED.still_panel, still, 0.0, 0.0)
+    if parameter.displacement_model == RIGID_BODY:
+        body, grains = velocity_by(buffer, RIGID_BODY), velocity_by(buffer, checks.BED)
+        if body <= 0.0 and grains > 0.0:
+            return checks.refuse(buffer, state.REFUSED.body_stays, place, body, grains)
+    return checks.refuse(buffer, state.REFUSED.no_conveying, place, 0.0, 0.0)
 
 
 @kernel

@@ -116,6 +116,7 @@ REFUSED = Places(
     1,
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice no_layer",
     "short_deck unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
+    "no_bed_velocity still_panel body_stays",
 )
 REFUSAL = Record("code index value limit")
 

@@ -7,13 +7,12 @@ from the knots of the deck above (MODEL.md, "Steady state and batches").
 from math import nan
 
 from vibroscreen.compiler.language import kernel, numbers, record
-from vibroscreen.kernels import changes, checks, outputs, state, step
+from vibroscreen.kernels import changes, checks, outputs, scene, state, step
 from vibroscreen.kernels.bed import classes, falls, front, travel
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.numerics.layers import bed_load
 
 FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
-FREQUENCY = state.INPUT.index("motion_frequency")
 
 
 @kernel
@@ -126,9 +125,7 @@ def solve_checked(buffer):
         return code
     for deck in range(state.extent(buffer).decks):
         if not travel.conveys(buffer, deck):
-            frequency = state.inputs(buffer).motion_frequency
-            place += FREQUENCY
-            return checks.refuse(buffer, state.REFUSED.no_conveying, place, frequency, 0.0)
+            return scene.refuse_still(buffer)
     solve_decks(buffer)
     step.sum_streams(buffer, 1.0)
     write_outputs(buffer)

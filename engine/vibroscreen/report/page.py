@@ -16,7 +16,7 @@ import vibroscreen
 from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, Sheet, settings_of, text_of
 from vibroscreen.report.pictures import product_name
 
-__all__ = ["fill", "print_page"]
+__all__ = ["fill", "print_page", "visible"]
 
 TEMPLATE = "report.html.j2"
 NEEDS = "a report needs {}, which is not installed: pip install 'vibroscreen[report]'"
@@ -44,7 +44,7 @@ def fill(sheets: Sequence[Sheet], day: date) -> str:
         return Markup('<data value="{}">{}</data>').format(repr(float(value)), text_of(value, unit))
 
     def plain(value: Any) -> Any:
-        return value if isinstance(value, Markup) or not isinstance(value, str) else _visible(value)
+        return value if isinstance(value, Markup) or not isinstance(value, str) else visible(value)
 
     page = Environment(
         loader=PackageLoader("vibroscreen.report", ""),
@@ -67,7 +67,7 @@ def fill(sheets: Sequence[Sheet], day: date) -> str:
     )
 
 
-def _visible(text: str) -> str:
+def visible(text: str) -> str:
     """Text with a mark for every character that a page may not hold, or that turns text around."""
     return UNFIT.sub("\ufffd", text)
 

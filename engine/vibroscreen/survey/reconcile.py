@@ -197,6 +197,13 @@ def reconcile(
     noise: standard errors of what comes without; decks: as many as the streams tell unless given.
     Raises InputError, ImportError without scipy.
     """
+    try:
+        import scipy.optimize  # noqa: F401
+    except ImportError:
+        raise ImportError(
+            "vibroscreen.survey.reconcile needs scipy, which is not installed: "
+            "pip install 'vibroscreen[calibrate]'"
+        ) from None
     noise = noise or Noise()
     products = _products(survey, decks)
     parts = [_solved(run, products, noise) for run in survey.runs]
