@@ -35,7 +35,7 @@ COMMANDS = {
     "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "circuit": "Print the steady state of a circuit of crushers and screens.",
     "study": "Find the design of a circuit that needs the least energy.",
-    "reconcile": "Make the streams of a survey balance by class, and tell what is suspect.",
+    "reconcile": "Make the streams of a survey balance, tell gross errors.",
     "design": "Search for the best design of a screen or a circuit.",
     "size": "Choose the standard size of a screen for a duty.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",

@@ -42,7 +42,7 @@ def command(
     ] = None,
     json_: Json = False,
 ) -> None:
-    """Make the streams of a survey balance by class, and tell what is suspect."""
+    """Make the streams of a survey balance, tell gross errors."""
     sheets = read_sheets(survey)
     noise = Noise(scale_pct * PERCENT, sieve_points * PERCENT, class_pct * PERCENT)
     try:
