@@ -8,7 +8,6 @@ the file, else the variable as the FMU does, its value, the limit and the cure.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import re
 import tomllib
@@ -43,6 +42,7 @@ from vibroscreen.sections import (
 )
 from vibroscreen.size_classes import SizeClasses, coarse_first
 from vibroscreen.stream import Feed, checked_fractions
+from vibroscreen.toml_text import toml_text
 from vibroscreen.units import DEG, MM
 
 __all__ = ["ScreenConfig", "legal_keys", "typical_fractions"]
@@ -278,6 +278,17 @@ class ScreenConfig:
         """The named set of numbers that the screen rests on, and what that was fitted to."""
         return number_sets.found(self.material.calibration)
 
+    def number_set(self, name: str, **about: Any) -> NumberSet:
+        """The numbers of this screen as a set that others can name.
+
+        about: fitted_to, source, rmse and range, as of a `NumberSet`.
+        """
+        for table in number_sets.TABLES:
+            about[table] = fields.write_table(getattr(self, table))
+        for key in ("initial", "layers", "reconstruction"):  # of this screen alone
+            del about["bed"][key]
+        return NumberSet(name, **about)
+
     def beyond_calibration(self) -> list[str]:
         """What of the screen lies outside of what its numbers were fitted to; empty if nothing.
 
@@ -309,7 +320,7 @@ class ScreenConfig:
         Exact where a number in the key's unit exists that converts to the value, as it does for
         all that was read from TOML; else within one unit in the last place.
         """
-        return "\n".join(_toml_lines(fields.write_table(self), "")).lstrip("\n") + "\n"
+        return toml_text(fields.write_table(self))
 
     @property
     def apertures(self) -> tuple[float, ...]:
@@ -473,30 +484,3 @@ def _toml_tree(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"the text is not TOML ({error}): correct it there") from None
-
-
-def _toml_lines(table: Mapping[str, Any], name: str) -> Iterator[str]:
-    """Lines of a TOML table: values first, then the tables inside it."""
-    for key, value in table.items():
-        if not _is_table(value):
-            yield f"{key} = {toml_value(value)}"
-    for key, value in table.items():
-        full = f"{name}.{key}" if name else key
-        if isinstance(value, dict):
-            yield from ("", f"[{full}]", *_toml_lines(value, full))
-        elif _is_table(value):
-            for one in value:
-                yield from ("", f"[[{full}]]", *_toml_lines(one, full))
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))
-
-
-def toml_value(value: Any) -> str:
-    """A value as TOML has it."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list):
-        return f"[{', '.join(toml_value(item) for item in value)}]"
-    return repr(value)

@@ -30,6 +30,7 @@ from vibroscreen.fields import (
     write_table,
 )
 from vibroscreen.keys import split
+from vibroscreen.toml_text import toml_text
 from vibroscreen.units import DEG, MM
 
 __all__ = [
@@ -159,7 +160,7 @@ class NumberSet:
     """Numbers that belong together, and what they rest on.
 
     fitted_to: what they were fitted to, in words; source: where the fit is; rmse: root mean square
-    error of the undersize recovery there [1], None if unknown; range: where it holds. displacement,
+    error of a recovery there [1], None if unknown; range: where it holds. displacement,
     passage, segregation, bed: keys of a screen's file with their values.
     """
 
@@ -208,6 +209,10 @@ class NumberSet:
         except ConfigError as error:
             error.add_note(f"in {path}")
             raise
+
+    def to_toml(self) -> str:
+        """The file of this set."""
+        return toml_text(write_table(self))
 
 
 @cache

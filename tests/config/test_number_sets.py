@@ -9,8 +9,8 @@ import pytest
 
 from vibroscreen import Motion, ScreenConfig, number_sets
 from vibroscreen.errors import ConfigError
-from vibroscreen.number_sets import NumberSet
-from vibroscreen.sections import Material, Passage
+from vibroscreen.number_sets import TABLES, NumberSet, Range
+from vibroscreen.sections import Deck, Material, Panel, Passage
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 
@@ -51,9 +51,13 @@ def load(folder: Path, more: str = "") -> ScreenConfig:
 
 
 def test_the_shipped_sets_can_be_read() -> None:
-    assert number_sets.names()[0] == "typical dry stone"
+    assert number_sets.names() == ("typical dry stone", "dem plate", "ivanov-vaisberg")
     for name in number_sets.names():
-        config = ScreenConfig(SizeClasses((0.0, 0.008, 0.02)), material=Material(calibration=name))
+        config = ScreenConfig(
+            SizeClasses((0.0, 0.0005, 0.02)),
+            (Deck(panels=(Panel(aperture=0.5 * MM),)),),
+            material=Material(calibration=name),
+        )
         assert config.calibration.name == config.material.calibration == name
         assert config.calibration.fitted_to
         assert not any("is not that of" in said for said in config.beyond_calibration())
@@ -116,6 +120,21 @@ def test_a_set_travels_with_its_screen(own: Path) -> None:
     assert hash(ScreenConfig.loads(text)) == hash(config)
 
 
+def test_a_screen_makes_a_set_of_its_numbers(tmp_path: Path) -> None:
+    """One that was calibrated, say; another screen that names its file has the same numbers."""
+    config = ScreenConfig.default().with_values(
+        {"passage.relative_velocity": 0.5, "segregation.velocity": 0.02}
+    )
+    about = {"fitted_to": "two surveys", "rmse": 0.03, "range": Range(aperture=(0.01, 0.02))}
+    (tmp_path / "ours.toml").write_text(config.number_set("our stone", **about).to_toml())
+    again = load(tmp_path)
+    for name in TABLES:
+        assert getattr(again.explicit(), name) == getattr(config.explicit(), name)
+    assert again.calibration.fitted_to == "two surveys"
+    assert again.calibration.range.aperture == (0.01, 0.02)
+    assert again.beyond_calibration() == []
+
+
 def test_what_is_beyond_a_set_is_told(own: Path) -> None:
     """Name, value, range and unit."""
     config = load(own, "[passage]\nvelocity_m_s = 0.1\n[bed]\ncontact_depth_mm = 30\n")
@@ -169,7 +188,8 @@ def test_a_set_without_a_range_is_told(own: Path) -> None:
 REFUSED = {
     "unknown": (
         None,
-        "material.calibration = 'typicl dry stone' is unknown: give one of \"typical dry stone\"",
+        "material.calibration = 'typicl dry stone' is unknown: give one of \"typical dry stone\", "
+        '"dem plate", "ivanov-vaisberg", or the path of a set of your own',
     ),
     "no file": (None, "cannot be read (No such file or directory): give a file relative to the"),
     "no TOML": ("name = our", "is not TOML"),

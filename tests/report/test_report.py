@@ -16,11 +16,11 @@ import pytest
 
 from tests.fixed import FIXED
 from tests.places import ROOT, SCREENS
-from vibroscreen import InputError, Screen, ScreenConfig, report
+from vibroscreen import Feed, InputError, Screen, ScreenConfig, report
 from vibroscreen.report import contents
 from vibroscreen.report.contents import BOX, DECK, LOAD, RULES, UNITS, text_of
 from vibroscreen.report.specification import Specification, read_specification
-from vibroscreen.sections import Deck, Panel
+from vibroscreen.sections import Deck, Panel, Segregation
 from vibroscreen.sizing_rules import rules_of
 from vibroscreen.steady import SteadyResult
 from vibroscreen.units import KW, MM, PERCENT, T_H
@@ -252,6 +252,29 @@ def test_the_pdf_holds_the_numbers_and_the_names(double: SteadyResult, tmp_path:
         assert f"{figure.label} {figure.unit} {wanted}".replace("  ", " ") in whole, figure.label
     assert "vibroscreen" in whole
     assert f"1 / {len(pages)}" in " ".join(pages[0].split())
+
+
+# --- what there is nothing of --------------------------------------------------------------------
+def test_a_feed_without_undersize_has_a_report() -> None:
+    """Dashes for what there is nothing of, no map of a deck that gets nothing."""
+    share = (0.0,) * (DOUBLE.size_classes.count - 1) + (1.0,)
+    steady = Screen(DOUBLE).solve_steady(Feed(50.0, share))
+    page = report.html(steady)
+    cells = {
+        text(row.find("th")): row for row in parsed(page).iter("tr") if row.find("th") is not None
+    }
+    shown = [text(td) for td in cells["efficiency: undersize that passes"].iter("td")]
+    assert shown == ["%", "\N{EN DASH}", "\N{EN DASH}"]
+    assert page.count('alt="Map of the bed of deck 1"') == 2
+    assert "Map of the bed of deck 2" not in page
+
+
+def test_a_model_without_layers_has_no_map() -> None:
+    mixed = DOUBLE.replace(segregation=Segregation("well_mixed"))
+    page = report.html(mixed)
+    assert "Map of the bed" not in page
+    told = "The segregation model well_mixed knows no layers, so there is no map of the bed."
+    assert told in text(parsed(page).find("body"))
 
 
 def test_what_cannot_be_written_is_told(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import ivanov_vaisberg as example
-from vibroscreen import Screen
+from vibroscreen import Screen, ScreenConfig
 from vibroscreen.calibrate import Fit
+from vibroscreen.sections import Material
 
 COLUMNS = ("original", "improved_screening", "improved_separation")
 
@@ -86,6 +87,25 @@ def test_fitted_to_all_four(comparison: example.Comparison) -> None:
     error = rmse(solved(fit, left_out=False))
     assert error <= 0.028
     assert fit.rmse == pytest.approx(error, abs=2e-4)
+
+
+def test_the_named_set_is_this_fit(comparison: example.Comparison) -> None:
+    """Screens that name it recover what was measured; its numbers lie in the fit's intervals."""
+    recovered = {}
+    for run in example.runs_of(example.OURS):
+        config = ScreenConfig(
+            run.config.size_classes,
+            run.config.decks,
+            Material(calibration="ivanov-vaisberg"),
+            feed=run.config.feed,
+        )
+        recovery = Screen(config).solve_steady().recovery
+        of_run = [row for row in example.experiments().itertuples() if row.experiment == run.name]
+        recovered.update({(run.name, row.class_mm): recovery[k] for k, row in enumerate(of_run)})
+        assert config.beyond_calibration() == []
+    fit = comparison.fits["ours"].fit
+    assert rmse(recovered) == pytest.approx(fit.rmse, abs=1e-3)
+    assert config.calibration.rmse == pytest.approx(fit.rmse, abs=1e-3)
 
 
 def test_each_experiment_left_out(comparison: example.Comparison) -> None:

@@ -133,7 +133,7 @@ degrees, against the flow; CM with the flow. Errors are RMSE over the sizes belo
 {over(fitted, DECKS + BATCHES):.4f} on all {len(errors)} cases**, decks {over(fitted, DECKS):.4f}
 ({over(fitted, JUDGED):.4f} without B15; target 0.05), batches {over(fitted, BATCHES):.4f}. **Each
 case left out in turn: decks {over(errors["left out"], DECKS):.4f}**, batches
-{over(errors["left out"], BATCHES):.4f}. It is `plant_examples/screens/dem_plate.toml`, rounded. The
+{over(errors["left out"], BATCHES):.4f}. It is the named set "dem plate", rounded. The
 velocity of the bed is that of the simulation in each of twelve segments, so that what is judged is
 how grains pass. Held are crowding {CROWDING:g}, levelling {LEVELLING:g} and bouncing {BOUNCING:g},
 round numbers chosen with all cases in view, so they count as fitted.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import cache
 
@@ -13,9 +14,13 @@ from rich.progress import Progress
 from plate.batches import batch_runs
 from plate.decks import deck_errors, deck_runs
 from plate.errors import rmse
-from plate.simulations import KINDS
+from plate.simulations import APERTURE, KINDS
 from vibroscreen import Screen
+from vibroscreen.beyond import kind_of
 from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
+from vibroscreen.number_sets import Range
+from vibroscreen.sizing_rules import rules_of
+from vibroscreen.units import DEG, MM
 
 BATCH_NUMBERS = (
     Parameter("passage.velocity", 0.01, 20.0, 0.25),
@@ -116,14 +121,42 @@ def by_run(calibration: Calibration) -> pd.DataFrame:
     return errors.groupby("run", sort=False).agg(rmse)
 
 
-def write_plate(calibration: Calibration) -> str:
-    """The common calibration as a configuration: B0 with the fitted numbers, to three digits."""
-    base = next(run.config for run in deck_runs() if run.name == "B0")
+def write_set(calibration: Calibration) -> str:
+    """The common calibration as a set of numbers, those fitted to three digits, with its range."""
     rounded = {name: float(f"{value:.3g}") for name, value in numbers_of(calibration).items()}
-    text = base.with_values(rounded).to_toml()
+    configs = {run.name: run.config.with_values(rounded) for run in batch_runs() + deck_runs()}
+    panels = [config.decks[0].panels[0] for config in configs.values()]
+    thrown = [
+        config.motion.throw_number(panel.inclination)
+        for config, panel in zip(configs.values(), panels, strict=True)
+    ]
+    accelerations = [config.motion.peak_acceleration for config in configs.values()]
+    rules = [rules_of(config)[0] for config in configs.values()]
+    found = configs["B0"].number_set(
+        "dem plate",
+        fitted_to=f"{len(configs)} particle simulations of a plate with square holes of "
+        f"{APERTURE / MM:g} mm: {', '.join(configs)}",
+        source="engine/validation/dem_calibration.py",
+        rmse=round(rmse(by_run(calibration)["fitted"].to_numpy()), 3),
+        range=Range(
+            aperture=(APERTURE, APERTURE),
+            inclination=_span([panel.inclination / DEG for panel in panels], DEG),
+            throw_number=_span(thrown),
+            acceleration=_span(accelerations),
+            oversize=_span([1.0 - rule.passing(rule.aperture) for rule in rules]),
+            motion=tuple(dict.fromkeys(kind_of(config.motion) for config in configs.values())),
+        ),
+    )
     return f"""\
 # Plate of the particle simulations in engine/validation/data, one calibration for its batches and
-# decks. Written by engine/validation/dem_calibration.py. Another case needs another feed, motion
-# and inclination. Classes: spheres of 3, 4, 5, 6, 7, 7.5, 9 and 12 mm, the means of the limits.
+# decks. Written by engine/validation/dem_calibration.py.
 
-{text}"""
+{found.to_toml()}"""
+
+
+def _span(values: list[float], unit: float = 1.0) -> tuple[float, float]:
+    """Least and largest of some values times a unit, outwards to two decimals."""
+    return (
+        math.floor(100.0 * min(values)) / 100.0 * unit,
+        math.ceil(100.0 * max(values)) / 100.0 * unit,
+    )

@@ -35,12 +35,14 @@ COMMANDS = {
     "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "circuit": "Print the steady state of a circuit of crushers and screens.",
     "study": "Find the design of a circuit that needs the least energy.",
+    "design": "Search for the best design of a screen or a circuit.",
+    "size": "Choose the standard size of a screen for a duty.",
     "calibrate": "Fit numbers of a screen to a survey and write it with them.",
     "explore": "Write a page with the engine inside, and open it.",
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
-EXTRA = {"build": "fmu", "explore": "explore", "study": "study"}
+EXTRA = {"build": "fmu", "design": "study", "explore": "explore", "study": "study"}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
 MENDABLE = (ConfigError, InputError, ImportError, OSError, MemoryError)
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 
 import vibroscreen
 from vibroscreen.cli.options import Json, ScreenFile, Set, Strict, end, load
-from vibroscreen.cli.solved import described, rests_on
+from vibroscreen.cli.solved import calibration, described, rests_on
 from vibroscreen.cli.terminal import say, table
-from vibroscreen.config import ScreenConfig
-from vibroscreen.practice import AMBER, GREEN, RED, Finding, findings, worst
+from vibroscreen.practice import AMBER, GREEN, RED, findings, worst
 from vibroscreen.screen import Screen
 
 EXAMPLES = """vibroscreen check screen.toml
@@ -32,7 +30,7 @@ def command(
     """Tell what is wrong or unusual about a screen and its duty."""
     config = load(screen, changes)
     steady = Screen(config).solve_steady()
-    found = (*findings(steady), *_calibration(config))
+    found = findings(steady)
     if as_json:
         print(
             json.dumps(
@@ -41,6 +39,7 @@ def command(
                     "name": config.name,
                     "level": worst(found),
                     "findings": [vars(finding) for finding in found],
+                    "calibration": calibration(config),
                     "alarms": list(steady.alarms),
                 },
                 indent=1,
@@ -53,14 +52,9 @@ def command(
         rows = [(*WORDS[one.level][:1], one.subject, one.reason) for one in found]
         colours = [WORDS[one.level][1] for one in found]
         table("", ("", "", ""), rows, left=3, colours=colours)
+        if config.beyond_calibration():
+            say()
+            say(f"The numbers of the model: {rests_on(config)}", "dim")
         say()
         say(SUMMARY[worst(found)], WORDS[worst(found)][1])
     end(steady.alarms, strict=strict)
-
-
-def _calibration(config: ScreenConfig) -> Iterator[Finding]:
-    """What the numbers of the model rest on, and what lies beyond that."""
-    beyond = config.beyond_calibration()
-    yield Finding(AMBER if beyond else GREEN, "calibration", rests_on(config))
-    for text in beyond:
-        yield Finding(AMBER, "calibration", text)

@@ -12,13 +12,14 @@ import typer
 
 from vibroscreen.cli.options import Set, assignments
 from vibroscreen.cli.terminal import tell, told, written
-from vibroscreen.config import QUARRY_EDGES, ScreenConfig, toml_value
+from vibroscreen.config import QUARRY_EDGES, ScreenConfig
 from vibroscreen.edits import edited
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import Choice, Entry, Number, from_si, leaves, write_table
 from vibroscreen.keys import reading
 from vibroscreen.sieves import Sieves, read_sieves
 from vibroscreen.sizing_rules import usual_open_area
+from vibroscreen.toml_text import toml_value
 from vibroscreen.units import MM, RPM, T_M3
 
 EXAMPLES = """vibroscreen new screen.toml

@@ -72,7 +72,7 @@ def _print(config: ScreenConfig, steady: SteadyResult) -> None:
     if not steady.alarms:
         say("No alarms")
     say()
-    say(f"Calibration: {rests_on(config)}", "dim")
+    say(f"Numbers of the model: {rests_on(config)}", "dim")
     for text in config.beyond_calibration():
         say(f"beyond it: {text}", "yellow")
 

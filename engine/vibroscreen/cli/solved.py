@@ -23,6 +23,7 @@ from vibroscreen.units import DEG, KN, KW, MM, RPM, T_H
 
 __all__ = [
     "Product",
+    "calibration",
     "described",
     "document",
     "figure",
@@ -125,11 +126,9 @@ def figure(value: float, digits: int = 4) -> str:
 def rests_on(config: ScreenConfig) -> str:
     """What the numbers of the model were fitted to, in a sentence."""
     named = config.calibration
-    error = "" if named.rmse is None else f" (error of a recovery {named.rmse:g})"
-    return (
-        f'numbers of "{named.name}", fitted to {named.fitted_to or "nothing that is said"}{error}; '
-        "a survey of this screen says more: vibroscreen calibrate"
-    )
+    error = "" if named.rmse is None else f", error of a recovery {named.rmse:g}"
+    survey = "; vibroscreen calibrate fits them to a survey" if named.shipped else ""
+    return f'"{named.name}", fitted to {named.fitted_to or "nothing that is said"}{error}{survey}'
 
 
 def labels_of(decks: int) -> list[str]:
@@ -176,13 +175,19 @@ def document(steady: SteadyResult) -> dict[str, Any]:
             for deck, rules in zip(steady.decks, rules_of(config), strict=True)
         ],
         "box": _figures(steady, BOX),
-        "calibration": {
-            "name": config.calibration.name,
-            "fitted_to": config.calibration.fitted_to,
-            "rmse": config.calibration.rmse,
-            "beyond": config.beyond_calibration(),
-        },
+        "calibration": calibration(config),
         "alarms": [{"name": name, "reason": why} for name, why in steady.alarm_reasons.items()],
+    }
+
+
+def calibration(config: ScreenConfig) -> dict[str, Any]:
+    """What the numbers of the model rest on, for `json.dumps`."""
+    named = config.calibration
+    return {
+        "name": named.name,
+        "fitted_to": named.fitted_to,
+        "rmse": named.rmse,
+        "beyond": config.beyond_calibration(),
     }
 
 

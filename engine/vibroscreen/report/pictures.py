@@ -200,9 +200,8 @@ def draw_recovery(axes: Axes, steady: SteadyResult) -> None:
     for deck, profile, look in _by_deck(steady):
         name = deck_name(deck, steady.config.decks[deck - 1])
         axes.plot(profile.position, profile.recovery / PERCENT, label=name, **look)
-    axes.set(
-        xlabel="place along the deck [m]", ylabel="undersize recovered [%]", ylim=(-2.0, 102.0)
-    )
+    axes.set(ylabel="undersize recovered [%]", ylim=(-2.0, 102.0))
+    _places_along(axes, steady)
     axes.legend()
 
 
@@ -214,8 +213,15 @@ def draw_bed(axes: Axes, steady: SteadyResult) -> None:
         axes.plot(profile.position, profile.depth / MM, label=deck_name(deck, here), **look)
         deep = apertures * here.panels[-1].aperture / MM
         axes.plot([here.length], [deep], "_", color=look["color"], markersize=9.0, clip_on=False)
-    axes.set(xlabel="place along the deck [m]", ylabel="depth of the bed [mm]", ylim=(0.0, None))
+    axes.set(ylabel="depth of the bed [mm]", ylim=(0.0, None))
+    _places_along(axes, steady)
     axes.legend(title=f"dash at the end: {apertures:.3g} apertures", title_fontsize=7.0)
+
+
+def _places_along(axes: Axes, steady: SteadyResult) -> None:
+    """Places along the decks, from end to end."""
+    length = steady.config.decks[0].length
+    axes.set(xlabel="place along the deck [m]", xlim=(-0.01 * length, 1.01 * length))
 
 
 def _by_deck(steady: SteadyResult) -> Iterable[tuple[int, Any, dict[str, Any]]]:
@@ -238,7 +244,8 @@ def draw_map(axes: Axes, steady: SteadyResult, deck: int, classes: slice | int) 
     height = _between(profile.height) / MM
     place = np.broadcast_to(_between(profile.position)[:, None], height.shape)
     axes.grid(visible=False)
-    mesh = axes.pcolormesh(place, height, content, cmap="viridis", vmin=0.0, rasterized=True)
+    most = float(content.max()) or 1.0  # of nothing there is no scale
+    mesh = axes.pcolormesh(place, height, content, vmin=0.0, vmax=most, rasterized=True)
     axes.plot(profile.position, profile.height / MM, color="white", linewidth=0.4)
     axes.plot(profile.position, profile.depth / MM, color=FEED, linewidth=0.8)
     axes.set(

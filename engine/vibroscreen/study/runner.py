@@ -24,7 +24,7 @@ from vibroscreen.study.plan import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["collect", "run"]
+__all__ = ["collect", "keep", "run"]
 
 CHUNK = 500  # designs of a part
 NOTE = "study.json"
@@ -60,7 +60,7 @@ def run(
         if progress is not None:
             progress(done, total)
         for start, frame in _solved(study, missing, executor):
-            _keep(frame, _path(folder, start))
+            keep(frame, _path(folder, start))
             done += sizes[start]
             if progress is not None:
                 progress(done, total)
@@ -141,8 +141,8 @@ def _there(study: Study, folder: Path, start: int) -> bool:
     return whole
 
 
-def _keep(frame: pd.DataFrame, path: Path) -> None:
-    """Write a part whole, or not at all."""
+def keep(frame: pd.DataFrame, path: Path) -> None:
+    """Write a table whole, or not at all. Raises InputError where there is no room."""
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         frame.to_parquet(draft)
@@ -152,8 +152,8 @@ def _keep(frame: pd.DataFrame, path: Path) -> None:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             kept = len(list(path.parent.glob("part-*.parquet")))
             raise InputError(
-                f"{path.parent} has no room left: {kept} parts are kept. Make room and run the "
-                "study again, it goes on from there",
+                f"{path.parent} has no room left: {kept} parts are kept. Make room and run it "
+                "again, it goes on from there",
                 "folder",
             ) from None
         raise
