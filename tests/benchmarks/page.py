@@ -73,6 +73,8 @@ def main(repeat: int = 40, output: Path | None = None) -> dict[str, Any]:
             for _ in range(max(1, repeat // 8)):
                 page = ChromiumPage(browser, path, WIDE)
                 first.append(page.run(f"{PAINTED}.then(() => performance.now())"))
+                page.page.close()
+            page = ChromiumPage(browser, path, WIDE)
             sliding, busy = _slide(page, repeat)
             rows[name] = {
                 "bytes": path.stat().st_size,
@@ -83,6 +85,7 @@ def main(repeat: int = 40, output: Path | None = None) -> dict[str, Any]:
                 "steady_with_profile_ms": page.run(f"{ALONE}({repeat})"),
                 "step_ms": page.run(f"{STEPS}({5 * repeat})"),
             }
+            page.page.close()
     table = Table(title=f"first picture: target {FIRST_PICTURE:g} ms")
     for column in ("screen", "MB", "first picture, ms", "slider to picture, ms (target)"):
         table.add_column(column, justify="right")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import circuits, dem_scale, import_time, many, step_cost
+from tests.benchmarks import circuits, dem_scale, import_time, many, page, step_cost
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -373,3 +373,12 @@ def test_many_circuits_in_short(tmp_path: Path) -> None:
     assert result["worst"] <= 1e-6
     assert (tmp_path / "circuits.json").exists()
     assert (tmp_path / "circuits.png").stat().st_size > 1000
+
+
+def test_the_page_is_timed(tmp_path: Path) -> None:
+    """Every time of every screen, in Chromium where it is installed."""
+    rows = page.main(repeat=2, output=tmp_path)
+    assert json.loads((tmp_path / "page.json").read_text())["screens"] == rows
+    assert list(rows) == list(page.TARGETS)
+    for row in rows.values():
+        assert all(0.0 < number < math.inf for number in row.values())

@@ -205,7 +205,9 @@ function read(buffer) {
 }
 
 function finer(size, mass, aperture) {
-  return sum(Array.from(size, (d, i) => (d < aperture ? mass[i] : 0)));
+  let total = 0;
+  for (let i = 0; i < size.length && size[i] < aperture; i++) total += mass[i];
+  return total;
 }
 
 function follow(deck, d) {
@@ -235,7 +237,7 @@ function layers(buffer, name, row, deck) {
   const chosen = Number(byId("map-size").value);
   const [low, high] = chosen < 0 ? [0, deck.figures.aperture] : SCREEN.edges.slice(chosen, chosen + 2);
   for (let j = 0; j < most; j++) {
-    const mass = load.subarray(j * nodes, (j + 1) * nodes), whole = sum(mass);
+    const mass = load.subarray(j * nodes, (j + 1) * nodes), whole = finer(size, mass, Infinity);
     if (whole <= 0) continue;
     const part = finer(size, mass, high) - finer(size, mass, low);
     found.push([whole / density, (100 * part) / whole]);
