@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import shutil
 import socket
 import warnings
@@ -106,7 +107,9 @@ def firefox() -> Iterator[Any]:
         warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
         from marionette_driver.marionette import Marionette
 
-        browser = Marionette(bin=path, headless=True, host="127.0.0.1", port=port)
+        browser = Marionette(
+            bin=path, headless=True, host="127.0.0.1", port=port, gecko_log=os.devnull
+        )
     try:
         browser.start_session()
         browser.timeout.script = 300.0

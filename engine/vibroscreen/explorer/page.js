@@ -411,8 +411,11 @@ function renew(anew = false) {
 function say(faults, fault) {
   byId("said").hidden = !faults.length;
   byId("said").textContent = faults.join("\n");
-  CONTROLS.forEach(({ place }, k) =>
-    fieldOf(k).setAttribute("aria-invalid", wrong.has(k) || fault?.index === place));
+  CONTROLS.forEach(({ place }, k) => {
+    const bad = wrong.has(k) || fault?.index === place;
+    fieldOf(k).setAttribute("aria-invalid", bad);
+    if (bad) fieldOf(k).closest("details").open = true;
+  });
 }
 
 function setNumber(k, text) {
@@ -579,6 +582,7 @@ function listen() {
     byId("text").value = toml();
     byId("save").href = URL.createObjectURL(new Blob([toml()], { type: "application/toml" }));
     byId("file").showModal();
+    byId("text").setSelectionRange(0, 0);
   });
   byId("copy").addEventListener("click", async () => {
     byId("text").select();
