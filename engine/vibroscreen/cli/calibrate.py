@@ -53,6 +53,10 @@ def command(
             "other. Default: profile for streams, linear for recoveries."
         ),
     ] = None,
+    loss: Annotated[
+        str,
+        typer.Option(help="linear, or huber or cauchy, by which gross errors count for less."),
+    ] = "linear",
     leave_out: Annotated[
         bool, typer.Option(help="Fit again without each run (or group), and predict it.")
     ] = True,
@@ -69,6 +73,7 @@ def command(
             leave_out=leave_out,
             progress=advance,
             intervals=intervals,
+            loss=loss,
         )
     found = result.fit
     _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "Fitted, SI units")

@@ -41,7 +41,14 @@ Closure = Callable[[Mapping[str, float], Any], Mapping[str, float]]
 
 SCALES = ("log", "linear")
 INTERVALS = ("linear", "profile")
+# Losses, and where they begin to hold back, in standard deviations: 95 per cent efficient for
+# normal errors (Holland and Welsch, Communications in Statistics A 6, 1977, 813).
+LOSSES = {"linear": math.inf, "huber": 1.345, "cauchy": 2.385}
+# Of a group whose measurements count for less on average, good ones for 0.87 by Cauchy's loss.
+DOUBTED = 0.5
 AT_ITS_BOUND, HARDLY = "lies at its bound", "is hardly fixed by the data"
+# Searches of a robust fit, each with the scale of the last; median of a normal's size.
+ROUNDS, NORMAL_MEDIAN = 4, 0.6745
 # Places that are tried for a limit of a profile.
 MOST_PROFILED = 12
 # Step of a central difference: part of the value ("log") or of the range ("linear"). Recoveries
@@ -270,24 +277,36 @@ def fit(
     adjusted: int = 0,
     intervals: str = "linear",
     confidence: float = CONFIDENCE,
+    loss: str = "linear",
+    leave_out: bool = True,
 ) -> Fit:
     """Least squares of (predict - measured)/sigma over named parameters within their bounds.
 
     predict(points[k, p]) gives the predictions [k, n] of k points at once, nan where there is none;
     measured[n]; sigma: one or n standard errors, only their ratios matter; group[n]: what is left
-    out together in turn, nothing without. starts: the first is that of the parameters, the others
-    are the best of ten times as many drawn at random (`seed`) over the bounds. progress is called
-    with the number of searches done and of all. adjusted: so many other numbers predict adjusts
-    by itself; then sigma is taken as known, and residuals only widen intervals. intervals:
-    "linear", from the slopes at the optimum, or "profile", up to where the least sum of squares
-    with a parameter held has risen by as much as `confidence` allows (Bates and Watts, ch. 6),
-    from the outermost of the minima that fit as well; it takes a search for each place that is
-    tried, and holds where parameters make up for each other. Raises InputError, ImportError
-    without scipy.
+    out together in turn, nothing without or where leave_out is False. starts: the first is that of
+    the parameters, the others are the best of ten times as many drawn at random (`seed`) over the
+    bounds. progress is called with the number of searches done and of all. adjusted: so many other
+    numbers predict adjusts by itself; then sigma is taken as known, and residuals only widen
+    intervals. intervals: "linear", from the slopes at the optimum, or "profile", up to where the
+    least sum of squares with a parameter held has risen by as much as `confidence` allows (Bates
+    and Watts, ch. 6), from the outermost of the minima that fit as well; it takes a search for each
+    place that is tried, and holds where parameters make up for each other. loss: "linear" for least
+    squares, or "huber" or "cauchy", by which what lies far off counts for less; then intervals are
+    linear (Huber, Robust Statistics, 1981, sec. 7.6), and a group that hardly counts is told and
+    left out of the fit, which it would go on to bias. Raises InputError, ImportError without scipy.
     """
     if intervals not in INTERVALS:
         raise InputError(
             f"intervals = {intervals!r} is unknown: give one of {', '.join(INTERVALS)}", "intervals"
+        )
+    if loss not in LOSSES:
+        raise InputError(f"loss = {loss!r} is unknown: give one of {', '.join(LOSSES)}", "loss")
+    if loss != "linear" and intervals == "profile":
+        raise InputError(
+            f'intervals = "profile" goes with least squares, not with loss = {loss!r}: give '
+            '"linear"',
+            "intervals",
         )
     if not 0.0 < confidence < 1.0:
         raise InputError(
@@ -295,7 +314,7 @@ def fit(
         )
     problem = _Problem(predict, tuple(parameters), measured, sigma, group, adjusted)
     groups = tuple(dict.fromkeys(problem.group))
-    groups = groups if len(groups) > 1 else ()
+    groups = groups if len(groups) > 1 and leave_out else ()
     sides = 2 * len(problem.parameters) if intervals == "profile" else 0
     total = starts + len(groups) + sides
 
@@ -310,16 +329,25 @@ def fit(
         ends.append(problem.search(start, everything))
         report(len(ends))
     ends.sort(key=lambda end: end[1])
+    kept, doubts = everything, list[str]()
+    if loss != "linear":
+        ends = problem.robust(ends, loss, everything)
+        kept, doubts = problem.doubted(ends[0][0])
+        if doubts:
+            ends = problem.robust(ends, loss, kept)
     best = ends[0][0]
     modelled = problem.predictions(best[None])[0]
     jacobian = problem.jacobian(best) / problem.sigma[:, None]
-    lower, upper, correlation, warnings = problem.confidence(best, modelled, jacobian, confidence)
+    lower, upper, correlation, warnings = problem.confidence(
+        best, modelled, jacobian, confidence, kept
+    )
     if sides:
         lower, upper, told = problem.profiles(
             ends, lower, upper, confidence, lambda done: report(starts + done)
         )
         warnings = [w for w in warnings if AT_ITS_BOUND not in w and HARDLY not in w] + told
     warnings += problem.other_minima(ends)
+    warnings += doubts
     held_out: dict[str, HeldOut] = {}
     held_out_modelled = np.full(problem.measured.size, np.nan)
     again = problem.distinct(ends)[:3]
@@ -336,7 +364,9 @@ def fit(
                 "its value and there is no prediction; share the parameter or give a closure"
             )
             continue
-        found = min((problem.search(start, ~out) for start in again), key=lambda end: end[1])[0]
+        found = min(
+            (problem.search(start, kept & ~out) for start in again), key=lambda end: end[1]
+        )[0]
         held_out_modelled[out] = problem.predictions(found[None])[0, out]
         error = _rms(held_out_modelled[out] - problem.measured[out])
         held_out[name] = HeldOut(problem.values(found), error)
@@ -389,6 +419,7 @@ class _Problem:
         adjusted: int = 0,
     ) -> None:
         self.scipy, self.adjusted = _scipy(), adjusted
+        self.loss, self.scale = "linear", 1.0
         self.predict, self.parameters = predict, parameters
         self.measured = np.asarray(measured, dtype=float)
         self.sigma = np.broadcast_to(np.asarray(sigma, dtype=float), self.measured.shape)
@@ -498,12 +529,54 @@ class _Problem:
             np.clip(start[free], 1e-6, 1.0 - 1e-6),
             jac=lambda part: self.jacobian(whole(part))[kept][:, free] * weight[:, None],
             bounds=(0.0, 1.0),
+            loss=self.loss,
+            f_scale=self.scale,
             xtol=1e-7,
             ftol=1e-9 if held is None else 1e-4,
             gtol=1e-10,
             max_nfev=MOST_EVALUATIONS,
         )
         return whole(found.x), 2.0 * float(found.cost)
+
+    def robust(
+        self, ends: Sequence[tuple[Array, float]], loss: str, kept: NDArray[np.bool_]
+    ) -> list[tuple[Array, float]]:
+        """Ends again by another loss, whose scale is that of the middle half of the residuals."""
+        found = list(ends)
+        for _ in range(ROUNDS):
+            residual = self.residuals(found[0][0][None])[0, kept]
+            spread = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
+            spread *= math.sqrt(residual.size / (residual.size - len(self.parameters)))
+            known = 1.0 if self.adjusted else max(spread, 1e-12)
+            self.loss, self.scale = loss, LOSSES[loss] * known
+            found = [self.search(place, kept) for place, _ in found]
+            found.sort(key=lambda end: end[1])
+        return found
+
+    def weights(self, residual: Array) -> tuple[Array, Array]:
+        """How much each residual counts, and the slope of what it pulls with."""
+        if self.loss == "linear":
+            return np.ones_like(residual), np.ones_like(residual)
+        u = np.abs(residual) / self.scale
+        if self.loss == "huber":
+            return 1.0 / np.maximum(u, 1.0), (u <= 1.0).astype(float)
+        return 1.0 / (1.0 + u**2), (1.0 - u**2) / (1.0 + u**2) ** 2
+
+    def doubted(self, place: Array) -> tuple[NDArray[np.bool_], list[str]]:
+        """Which numbers are of groups that count, and what is told of the other groups."""
+        weight, _ = self.weights(self.residuals(place[None])[0])
+        group = np.array(self.group or ("",) * weight.size)
+        means = {name: float(weight[group == name].mean()) for name in dict.fromkeys(self.group)}
+        doubted = [name for name, mean in means.items() if mean < DOUBTED]
+        kept = ~np.isin(group, doubted)
+        if kept.sum() <= len(self.parameters) + self.adjusted:
+            kept = np.ones(weight.size, dtype=bool)
+        left_out = "it is left out of the fit, " if not kept.all() else ""
+        return kept, [
+            f"{name} lies far from the fit to the others, its measurements count for "
+            f"{means[name] / PERCENT:.0f} % on average: {left_out}look for a gross error in it"
+            for name in doubted
+        ]
 
     def profiles(
         self,
@@ -630,10 +703,15 @@ class _Problem:
         ]
 
     def confidence(
-        self, place: Array, modelled: Array, jacobian: Array, chance: float
+        self,
+        place: Array,
+        modelled: Array,
+        jacobian: Array,
+        chance: float,
+        kept: NDArray[np.bool_],
     ) -> tuple[Array, Array, Array, list[str]]:
         """Limits, correlation, and what the data cannot tell."""
-        count = place.size
+        count, jacobian = place.size, jacobian[kept]
         bound = (place < AT_BOUND) | (place > 1.0 - AT_BOUND)
         warnings = [
             f"{p.name} = {v:.4g} {AT_ITS_BOUND}: it has no interval, and the others are too "
@@ -649,9 +727,13 @@ class _Problem:
             if not m
         ]
         free = np.flatnonzero(~bound & moves)
-        residual = (modelled - self.measured) / self.sigma
-        freedom = residual.size - count - self.adjusted
-        scatter = float(residual @ residual) / freedom
+        residual = ((modelled - self.measured) / self.sigma)[kept]
+        freedom = max(residual.size - count - self.adjusted, 1)
+        weight, slope = self.weights(residual)
+        mean = float(slope.mean())
+        scatter = float(((weight * residual) ** 2).sum()) / freedom
+        if self.loss != "linear":
+            scatter *= (1.0 + count / residual.size * float(slope.var()) / mean**2) ** 2 / mean**2
         scatter = max(scatter, 1.0) if self.adjusted else scatter
         error = np.full(count, np.inf)
         correlation = np.full((count, count), np.nan)
@@ -780,6 +862,7 @@ def calibrate(
     progress: Progress | None = None,
     intervals: str | None = None,
     confidence: float = CONFIDENCE,
+    loss: str = "linear",
 ) -> Calibration:
     """Fit numbers of the model to the recoveries of some runs.
 
@@ -787,8 +870,9 @@ def calibrate(
     fitted values into others, such as a velocity from its law over the aperture: it gets them by
     parameter's name and returns {variable: value}, which are set in place of those of the same
     name. leave_out: fit again without each group of runs in turn and predict it. starts, seed,
-    progress, intervals and confidence: see `fit`; intervals are profiles for runs by streams,
-    linear for others unless given. Raises InputError, and ImportError without scipy.
+    progress, intervals, confidence and loss: see `fit`; intervals are profiles for runs by
+    streams under least squares, linear for others unless given. Raises InputError, and
+    ImportError without scipy.
 
     A run whose steady state the engine refuses counts as missed by 1 in every recovery.
     """
@@ -825,13 +909,15 @@ def calibrate(
         parameters,
         np.concatenate([run.measured for run in runs]),
         sigma=np.concatenate([run.errors for run in runs]),
-        group=group if leave_out else (),
+        group=group,
+        leave_out=leave_out,
         adjusted=sum(run.config.size_classes.count for run in runs if isinstance(run, StreamRun)),
         starts=starts,
         seed=seed,
         progress=progress,
-        intervals=intervals or ("profile" if any_streams else "linear"),
+        intervals=intervals or ("profile" if any_streams and loss == "linear" else "linear"),
         confidence=confidence,
+        loss=loss,
     )
     return Calibration(result, runs, closure)
 
