@@ -15,6 +15,7 @@ from vibroscreen.errors import InputError
 from vibroscreen.screen import settings_of
 from vibroscreen.sections import BESIDE
 from vibroscreen.survey import read_survey
+from vibroscreen.survey.streams import StreamRun
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +28,9 @@ vibroscreen calibrate survey.csv screen.toml --fit passage.relative_velocity=.1:
 
 
 def command(
-    survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="What was measured (CSV).")],
+    survey: Annotated[
+        Path, typer.Argument(metavar="SURVEY", help="What was measured (CSV, XLSX).")
+    ],
     screen: ScreenFile,
     fit: Annotated[
         list[str] | None,
@@ -43,6 +46,17 @@ def command(
     ] = None,
     plot: Plot = None,
     starts: Annotated[int, typer.Option(min=1, help="Searches, from different places.")] = 8,
+    intervals: Annotated[
+        str | None,
+        typer.Option(
+            help="linear, from slopes, or profile, which holds where numbers make up for each "
+            "other. Default: profile for streams, linear for recoveries."
+        ),
+    ] = None,
+    loss: Annotated[
+        str,
+        typer.Option(help="linear, or huber or cauchy, by which gross errors count for less."),
+    ] = "linear",
     leave_out: Annotated[
         bool, typer.Option(help="Fit again without each run (or group), and predict it.")
     ] = True,
@@ -52,17 +66,36 @@ def command(
     runs = read_survey(survey, config)
     parameters = [_parameter(text, runs[0]) for text in fit or _usual(config)]
     with progress("searching") as advance:
-        result = calibrate(runs, parameters, starts=starts, leave_out=leave_out, progress=advance)
+        result = calibrate(
+            runs,
+            parameters,
+            starts=starts,
+            leave_out=leave_out,
+            progress=advance,
+            intervals=intervals,
+            loss=loss,
+        )
     found = result.fit
     _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "Fitted, SI units")
     names = [p.name for p in parameters]
     if len(names) > 1:
         rows = zip(names, found.correlation, strict=True)
         table("Correlation", ("", *names), [(name, *map(_text, row)) for name, row in rows])
-    _print(result.frame().groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
-    say(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
-    if found.held_out:
+    by_streams = any(isinstance(run, StreamRun) for run in runs)
+    frame = result.frame()
+    if by_streams:
+        frame["residual"] /= frame["sigma"]
+        _print(frame.groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run, in sigmas")
+        said = _rms(frame["residual"])
+        say(f"RMSE of {len(frame)} rates and shares: {said:.3f} standard errors")
+    else:
+        _print(frame.groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
+        say(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
+    if found.held_out and not by_streams:
         say(f"RMSE of runs left out of the fit: {found.held_out_rmse:.4f}")
+    if found.held_out and by_streams:
+        left_out = (frame["held_out"] - frame["measured"]) / frame["sigma"]
+        say(f"RMSE of runs left out of the fit: {_rms(left_out):.3f} standard errors")
     for warning in found.warnings:
         tell(f"warning: {warning}", "yellow")
     target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
@@ -81,7 +114,7 @@ def _usual(config: ScreenConfig) -> list[str]:
     return [name if config.value_of(name) > 0.0 else BESIDE[name] for name in FITTED]
 
 
-def _parameter(text: str, run: Run) -> Parameter:
+def _parameter(text: str, run: Run | StreamRun) -> Parameter:
     """A parameter from NAME or NAME=LOWER:UPPER."""
     name, equals, bounds = text.partition("=")
     name = name.strip()

@@ -24,7 +24,9 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
 from vibroscreen.screen import Screen
+from vibroscreen.survey.streams import StreamRun, Streams
 from vibroscreen.sweep import Sweep, places
+from vibroscreen.units import PERCENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,9 +37,20 @@ __all__ = ["Calibration", "Fit", "HeldOut", "Parameter", "Run", "calibrate", "fi
 Array = NDArray[np.float64]
 Predict = Callable[[Array], Array]
 Progress = Callable[[int, int], None]
-Closure = Callable[[Mapping[str, float], "Run"], Mapping[str, float]]
+Closure = Callable[[Mapping[str, float], Any], Mapping[str, float]]
 
 SCALES = ("log", "linear")
+INTERVALS = ("linear", "profile")
+# Losses, and where they begin to hold back, in standard deviations: 95 per cent efficient for
+# normal errors (Holland and Welsch, Communications in Statistics A 6, 1977, 813).
+LOSSES = {"linear": math.inf, "huber": 1.345, "cauchy": 2.385}
+# Of a group whose measurements count for less on average, good ones for 0.87 by Cauchy's loss.
+DOUBTED = 0.5
+AT_ITS_BOUND, HARDLY = "lies at its bound", "is hardly fixed by the data"
+# Searches of a robust fit, each with the scale of the last; median of a normal's size.
+ROUNDS, NORMAL_MEDIAN = 4, 0.6745
+# Places that are tried for a limit of a profile.
+MOST_PROFILED = 12
 # Step of a central difference: part of the value ("log") or of the range ("linear"). Recoveries
 # carry an error of the solver, so it is wide: the error of the difference is of second order.
 STEP = 0.01
@@ -170,6 +183,18 @@ class Run:
             )
         object.__setattr__(self, "group", self.group or self.name)
 
+    @property
+    def measured(self) -> Array:
+        """Recoveries that were measured, times and classes in turn."""
+        found: Array = self.recovery[~np.isnan(self.recovery)]
+        return found
+
+    @property
+    def errors(self) -> Array:
+        """Their standard errors."""
+        found: Array = np.asarray(self.sigma)[~np.isnan(self.recovery)]
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
@@ -249,19 +274,49 @@ def fit(
     starts: int = 8,
     seed: int = 0,
     progress: Progress | None = None,
+    adjusted: int = 0,
+    intervals: str = "linear",
+    confidence: float = CONFIDENCE,
+    loss: str = "linear",
+    leave_out: bool = True,
 ) -> Fit:
     """Least squares of (predict - measured)/sigma over named parameters within their bounds.
 
     predict(points[k, p]) gives the predictions [k, n] of k points at once, nan where there is none;
     measured[n]; sigma: one or n standard errors, only their ratios matter; group[n]: what is left
-    out together in turn, nothing without. starts: the first is that of the parameters, the others
-    are the best of ten times as many drawn at random (`seed`) over the bounds. progress is called
-    with the number of searches done and of all. Raises InputError, ImportError without scipy.
+    out together in turn, nothing without or where leave_out is False. starts: the first is that of
+    the parameters, the others are the best of ten times as many drawn at random (`seed`) over the
+    bounds. progress is called with the number of searches done and of all. adjusted: so many other
+    numbers predict adjusts by itself; then sigma is taken as known, and residuals only widen
+    intervals. intervals: "linear", from the slopes at the optimum, or "profile", up to where the
+    least sum of squares with a parameter held has risen by as much as `confidence` allows (Bates
+    and Watts, ch. 6), from the outermost of the minima that fit as well; it takes a search for each
+    place that is tried, and holds where parameters make up for each other. loss: "linear" for least
+    squares, or "huber" or "cauchy", by which what lies far off counts for less; then intervals are
+    linear (Huber, Robust Statistics, 1981, sec. 7.6), and a group that hardly counts is told and
+    left out of the fit, which it would go on to bias. Raises InputError, ImportError without scipy.
     """
-    problem = _Problem(predict, tuple(parameters), measured, sigma, group)
+    if intervals not in INTERVALS:
+        raise InputError(
+            f"intervals = {intervals!r} is unknown: give one of {', '.join(INTERVALS)}", "intervals"
+        )
+    if loss not in LOSSES:
+        raise InputError(f"loss = {loss!r} is unknown: give one of {', '.join(LOSSES)}", "loss")
+    if loss != "linear" and intervals == "profile":
+        raise InputError(
+            f'intervals = "profile" goes with least squares, not with loss = {loss!r}: give '
+            '"linear"',
+            "intervals",
+        )
+    if not 0.0 < confidence < 1.0:
+        raise InputError(
+            f"confidence = {confidence:g} is no chance: give one above 0 and below 1", "confidence"
+        )
+    problem = _Problem(predict, tuple(parameters), measured, sigma, group, adjusted)
     groups = tuple(dict.fromkeys(problem.group))
-    groups = groups if len(groups) > 1 else ()
-    total = starts + len(groups)
+    groups = groups if len(groups) > 1 and leave_out else ()
+    sides = 2 * len(problem.parameters) if intervals == "profile" else 0
+    total = starts + len(groups) + sides
 
     def report(done: int) -> None:
         if progress is not None:
@@ -274,11 +329,25 @@ def fit(
         ends.append(problem.search(start, everything))
         report(len(ends))
     ends.sort(key=lambda end: end[1])
+    kept, doubts = everything, list[str]()
+    if loss != "linear":
+        ends = problem.robust(ends, loss, everything)
+        kept, doubts = problem.doubted(ends[0][0])
+        if doubts:
+            ends = problem.robust(ends, loss, kept)
     best = ends[0][0]
     modelled = problem.predictions(best[None])[0]
     jacobian = problem.jacobian(best) / problem.sigma[:, None]
-    lower, upper, correlation, warnings = problem.confidence(best, modelled, jacobian)
+    lower, upper, correlation, warnings = problem.confidence(
+        best, modelled, jacobian, confidence, kept
+    )
+    if sides:
+        lower, upper, told = problem.profiles(
+            ends, lower, upper, confidence, lambda done: report(starts + done)
+        )
+        warnings = [w for w in warnings if AT_ITS_BOUND not in w and HARDLY not in w] + told
     warnings += problem.other_minima(ends)
+    warnings += doubts
     held_out: dict[str, HeldOut] = {}
     held_out_modelled = np.full(problem.measured.size, np.nan)
     again = problem.distinct(ends)[:3]
@@ -295,11 +364,13 @@ def fit(
                 "its value and there is no prediction; share the parameter or give a closure"
             )
             continue
-        found = min((problem.search(start, ~out) for start in again), key=lambda end: end[1])[0]
+        found = min(
+            (problem.search(start, kept & ~out) for start in again), key=lambda end: end[1]
+        )[0]
         held_out_modelled[out] = problem.predictions(found[None])[0, out]
         error = _rms(held_out_modelled[out] - problem.measured[out])
         held_out[name] = HeldOut(problem.values(found), error)
-        report(starts + len(held_out))
+        report(starts + sides + len(held_out))
     report(total)
     return Fit(
         problem.parameters,
@@ -345,8 +416,10 @@ class _Problem:
         measured: ArrayLike,
         sigma: ArrayLike,
         group: Sequence[str],
+        adjusted: int = 0,
     ) -> None:
-        self.scipy = _scipy()
+        self.scipy, self.adjusted = _scipy(), adjusted
+        self.loss, self.scale = "linear", 1.0
         self.predict, self.parameters = predict, parameters
         self.measured = np.asarray(measured, dtype=float)
         self.sigma = np.broadcast_to(np.asarray(sigma, dtype=float), self.measured.shape)
@@ -357,10 +430,11 @@ class _Problem:
                 f"parameters = {', '.join(names) or 'none'}: give one or more, each name once",
                 "parameters",
             )
-        if self.measured.size <= len(names):
+        if self.measured.size <= len(names) + adjusted:
+            by_class = f" and {adjusted} rates of the feed by class" if adjusted else ""
             raise InputError(
-                f"measured: {self.measured.size} numbers cannot fix {len(names)} parameters: fit "
-                "fewer or measure more",
+                f"measured: {self.measured.size} numbers cannot fix {len(names)} parameters"
+                f"{by_class}: fit fewer or measure more",
                 "measured",
             )
         if self.group and len(self.group) != self.measured.size:
@@ -433,20 +507,173 @@ class _Problem:
         order = np.argsort((self.residuals(drawn) ** 2).sum(axis=1), kind="stable")
         return [first, *drawn[order[: count - 1]]]
 
-    def search(self, start: Array, kept: NDArray[np.bool_]) -> tuple[Array, float]:
-        """The minimum that a start leads to, over the numbers that are kept, and its squares."""
+    def search(
+        self, start: Array, kept: NDArray[np.bool_], held: int | None = None
+    ) -> tuple[Array, float]:
+        """The minimum that a start leads to, over the numbers that are kept, and its squares.
+
+        held: a parameter that stays where it starts.
+        """
         weight = 1.0 / self.sigma[kept]
+        free = np.arange(start.size) != (-1 if held is None else held)
+
+        def whole(part: Array) -> Array:
+            place = start.copy()
+            place[free] = part
+            return place
+
+        if not free.any():
+            return start, float((self.residuals(start[None])[0, kept] ** 2).sum())
         found = self.scipy.optimize.least_squares(
-            lambda place: self.residuals(place[None])[0, kept],
-            np.clip(start, 1e-6, 1.0 - 1e-6),
-            jac=lambda place: self.jacobian(place)[kept] * weight[:, None],
+            lambda part: self.residuals(whole(part)[None])[0, kept],
+            np.clip(start[free], 1e-6, 1.0 - 1e-6),
+            jac=lambda part: self.jacobian(whole(part))[kept][:, free] * weight[:, None],
             bounds=(0.0, 1.0),
+            loss=self.loss,
+            f_scale=self.scale,
             xtol=1e-7,
-            ftol=1e-9,
+            ftol=1e-9 if held is None else 1e-4,
             gtol=1e-10,
             max_nfev=MOST_EVALUATIONS,
         )
-        return found.x, 2.0 * float(found.cost)
+        return whole(found.x), 2.0 * float(found.cost)
+
+    def robust(
+        self, ends: Sequence[tuple[Array, float]], loss: str, kept: NDArray[np.bool_]
+    ) -> list[tuple[Array, float]]:
+        """Ends again by another loss, whose scale is that of the middle half of the residuals."""
+        found = list(ends)
+        for _ in range(ROUNDS):
+            residual = self.residuals(found[0][0][None])[0, kept]
+            spread = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
+            spread *= math.sqrt(residual.size / (residual.size - len(self.parameters)))
+            known = 1.0 if self.adjusted else max(spread, 1e-12)
+            self.loss, self.scale = loss, LOSSES[loss] * known
+            found = [self.search(place, kept) for place, _ in found]
+            found.sort(key=lambda end: end[1])
+        return found
+
+    def weights(self, residual: Array) -> tuple[Array, Array]:
+        """How much each residual counts, and the slope of what it pulls with."""
+        if self.loss == "linear":
+            return np.ones_like(residual), np.ones_like(residual)
+        u = np.abs(residual) / self.scale
+        if self.loss == "huber":
+            return 1.0 / np.maximum(u, 1.0), (u <= 1.0).astype(float)
+        return 1.0 / (1.0 + u**2), (1.0 - u**2) / (1.0 + u**2) ** 2
+
+    def doubted(self, place: Array) -> tuple[NDArray[np.bool_], list[str]]:
+        """Which numbers are of groups that count, and what is told of the other groups."""
+        weight, _ = self.weights(self.residuals(place[None])[0])
+        group = np.array(self.group or ("",) * weight.size)
+        means = {name: float(weight[group == name].mean()) for name in dict.fromkeys(self.group)}
+        doubted = [name for name, mean in means.items() if mean < DOUBTED]
+        kept = ~np.isin(group, doubted)
+        if kept.sum() <= len(self.parameters) + self.adjusted:
+            kept = np.ones(weight.size, dtype=bool)
+        left_out = "it is left out of the fit, " if not kept.all() else ""
+        return kept, [
+            f"{name} lies far from the fit to the others, its measurements count for "
+            f"{means[name] / PERCENT:.0f} % on average: {left_out}look for a gross error in it"
+            for name in doubted
+        ]
+
+    def profiles(
+        self,
+        ends: Sequence[tuple[Array, float]],
+        lower: Array,
+        upper: Array,
+        confidence: float,
+        done: Callable[[int], None],
+    ) -> tuple[Array, Array, list[str]]:
+        """Limits by the profile of the sum of squares, and which parameters have none.
+
+        lower, upper: limits from slopes, to begin with.
+        """
+        best, least = ends[0]
+        level = self.rise(least, confidence)
+        good = [end for end in ends if end[1] < least + level]
+        limits, told = np.array([self.values(best)] * 2), []
+        for k, p in enumerate(self.parameters):
+            reach = 1.0
+            with np.errstate(divide="ignore", invalid="ignore"):
+                linear = (p.to_scale(np.array([lower[k], upper[k]])) - self.low[k]) / self.width[k]
+            if np.isfinite(linear).all() and linear[1] > linear[0]:
+                reach = 0.5 * float(linear[1] - linear[0])
+            open_sides = []
+            for side, sign in enumerate((-1.0, 1.0)):
+                start = max(good, key=lambda end: sign * end[0][k])
+                step = min(0.5 * reach, 0.1)
+                place, closed = self.crossing(start, k, sign, step, least, level)
+                limits[side, k] = self.values(np.where(np.arange(best.size) == k, place, best))[k]
+                if not closed:
+                    open_sides.append("above" if sign > 0.0 else "below")
+                done(2 * k + side + 1)
+            if open_sides:
+                told.append(
+                    f"the data do not limit {p.name} {' or '.join(open_sides)} within its bounds "
+                    f"{p.lower:.4g} to {p.upper:.4g} (95 % interval {limits[0, k]:.3g} to "
+                    f"{limits[1, k]:.3g}): fix it, or add runs that depend on it".replace(
+                        "95 %", f"{confidence / PERCENT:g} %"
+                    )
+                )
+        return limits[0], limits[1], told
+
+    def rise(self, least: float, confidence: float) -> float:
+        """By how much the sum of squares may rise above the least."""
+        freedom = self.measured.size - len(self.parameters) - self.adjusted
+        if self.adjusted:
+            quantile = self.scipy.stats.norm.ppf(0.5 + 0.5 * confidence)
+            return float(quantile**2 * max(least / freedom, 1.0))
+        quantile = self.scipy.stats.t.ppf(0.5 + 0.5 * confidence, freedom)
+        return float(quantile**2 * least / freedom)
+
+    def crossing(
+        self,
+        begin: tuple[Array, float],
+        held: int,
+        sign: float,
+        step: float,
+        least: float,
+        level: float,
+    ) -> tuple[float, bool]:
+        """Where the least sum of squares with one parameter held has risen by `level`.
+
+        And whether it is there within the bounds. begin: a minimum, and its squares.
+        """
+        everything = np.ones(self.measured.size, dtype=bool)
+        end = 1.0 if sign > 0.0 else 0.0
+        place = begin[0]
+        near = float(place[held])
+        far = near
+        root = math.sqrt(level)
+        for _ in range(MOST_PROFILED):
+            if abs(end - near) < AT_BOUND:
+                return end, False
+            far = min(max(near + sign * step, 0.0), 1.0)
+            start = place.copy()
+            start[held] = far
+            there, squares = self.search(start, everything, held)
+            if squares - least >= level:
+                break
+            near, place = far, there
+            step *= 2.0
+        else:
+            return end, False
+
+        def over(at: float) -> float:
+            start = place.copy()
+            start[held] = at
+            return math.sqrt(max(self.search(start, everything, held)[1] - least, 0.0)) - root
+
+        # A search from elsewhere may end in another valley.
+        if over(near) >= 0.0:
+            return near, True
+        if over(far) <= 0.0:
+            return far, True
+        inside = 0.002 * abs(far - float(begin[0][held]))
+        found = self.scipy.optimize.brentq(over, near, far, xtol=inside, rtol=1e-12, disp=False)
+        return float(found), True
 
     def distinct(self, ends: Sequence[tuple[Array, float]]) -> list[Array]:
         """Ends that are not alike, best first."""
@@ -476,13 +703,18 @@ class _Problem:
         ]
 
     def confidence(
-        self, place: Array, modelled: Array, jacobian: Array
+        self,
+        place: Array,
+        modelled: Array,
+        jacobian: Array,
+        chance: float,
+        kept: NDArray[np.bool_],
     ) -> tuple[Array, Array, Array, list[str]]:
-        """95 per cent limits, correlation, and what the data cannot tell."""
-        count = place.size
+        """Limits, correlation, and what the data cannot tell."""
+        count, jacobian = place.size, jacobian[kept]
         bound = (place < AT_BOUND) | (place > 1.0 - AT_BOUND)
         warnings = [
-            f"{p.name} = {v:.4g} lies at its bound: it has no interval, and the others are too "
+            f"{p.name} = {v:.4g} {AT_ITS_BOUND}: it has no interval, and the others are too "
             "narrow; widen the bound or fix the value"
             for p, v, at in zip(self.parameters, self.values(place), bound, strict=True)
             if at
@@ -495,8 +727,14 @@ class _Problem:
             if not m
         ]
         free = np.flatnonzero(~bound & moves)
-        residual = (modelled - self.measured) / self.sigma
-        freedom = residual.size - count
+        residual = ((modelled - self.measured) / self.sigma)[kept]
+        freedom = max(residual.size - count - self.adjusted, 1)
+        weight, slope = self.weights(residual)
+        mean = float(slope.mean())
+        scatter = float(((weight * residual) ** 2).sum()) / freedom
+        if self.loss != "linear":
+            scatter *= (1.0 + count / residual.size * float(slope.var()) / mean**2) ** 2 / mean**2
+        scatter = max(scatter, 1.0) if self.adjusted else scatter
         error = np.full(count, np.inf)
         correlation = np.full((count, count), np.nan)
         np.fill_diagonal(correlation, 1.0)
@@ -506,7 +744,7 @@ class _Problem:
             singular = np.maximum(singular, 1e-12 * singular[0])
             parts = (axes / singular[:, None]) ** 2  # [axis, parameter]
             inverse = (axes.T / singular**2) @ axes
-            variance = float(residual @ residual) / freedom * inverse
+            variance = scatter * inverse
             deviation = np.sqrt(np.diag(variance))
             error[free] = deviation / norm[free]
             if deviation.all():
@@ -522,7 +760,9 @@ class _Problem:
                         "one, or add runs in which they act differently"
                     )
         error[bound] = 0.0
-        reach = self.scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom) * error
+        known = self.scipy.stats.norm.ppf(0.5 + 0.5 * chance)
+        quantile = self.scipy.stats.t.ppf(0.5 + 0.5 * chance, freedom)
+        reach = (known if self.adjusted else quantile) * error
         for k in free:
             if reach[k] > self.wide[k]:
                 p = self.parameters[k]
@@ -534,7 +774,7 @@ class _Problem:
                     if i != k and abs(correlation[k, i]) > TOGETHER
                 )
                 warnings.append(
-                    f"{p.name} is hardly fixed by the data, 95 % interval {low:.2g} to {high:.2g}"
+                    f"{p.name} {HARDLY}, 95 % interval {low:.2g} to {high:.2g}"
                     f"{with_others}: fix it, or add runs that depend on it"
                 )
         with np.errstate(invalid="ignore"):
@@ -548,14 +788,14 @@ class Calibration:
     """Numbers of a screen fitted to runs: the fit, and what it says run by run."""
 
     fit: Fit
-    runs: tuple[Run, ...]
+    runs: tuple[Run | StreamRun, ...]
     closure: Closure | None = field(default=None, repr=False)
 
-    def settings(self, run: Run) -> dict[str, float]:
+    def settings(self, run: Run | StreamRun) -> dict[str, float]:
         """Fitted values of the FMU's variables for a run."""
         return _settings(self.fit.parameters, self.fit.value, run, self.closure)
 
-    def configure(self, config: ScreenConfig, run: Run | None = None) -> ScreenConfig:
+    def configure(self, config: ScreenConfig, run: Run | StreamRun | None = None) -> ScreenConfig:
         """A configuration with the fitted values: those that all runs share, or those of a run."""
         if run is None:
             shared = [p.runs is None for p in self.fit.parameters]
@@ -566,15 +806,28 @@ class Calibration:
         return config.with_values(self.settings(run))
 
     def frame(self) -> pd.DataFrame:
-        """Long table of all that was measured: run, time_s, size_class, recoveries, sigma."""
+        """Long table of all that was measured: run, time_s, size_class, recoveries, sigma.
+
+        Of runs by streams: run, stream, kind, size_m, with shares [1] and rates over the largest.
+        """
         import pandas as pd
 
         rows = [
             (run.name, run.times[t] if run.times else math.nan, k + 1)
             for run in self.runs
+            if isinstance(run, Run)
             for t, k in _measured_places(run)
         ]
+        told = [
+            (run.name, *label)
+            for run in self.runs
+            if isinstance(run, StreamRun)
+            for label in run.labels
+        ]
         table = pd.DataFrame(rows, columns=["run", "time_s", "size_class"])
+        if told:
+            streams = pd.DataFrame(told, columns=["run", "stream", "kind", "size_m"])
+            table = pd.concat([table, streams], ignore_index=True) if rows else streams
         table["measured"], table["modelled"] = self.fit.measured, self.fit.modelled
         table["held_out"], table["sigma"] = self.fit.held_out_modelled, self.fit.sigma
         table["residual"] = table["modelled"] - table["measured"]
@@ -599,7 +852,7 @@ class Calibration:
 
 
 def calibrate(
-    runs: Sequence[Run],
+    runs: Sequence[Run | StreamRun],
     parameters: Sequence[Parameter],
     *,
     closure: Closure | None = None,
@@ -607,14 +860,19 @@ def calibrate(
     seed: int = 0,
     leave_out: bool = True,
     progress: Progress | None = None,
+    intervals: str | None = None,
+    confidence: float = CONFIDENCE,
+    loss: str = "linear",
 ) -> Calibration:
     """Fit numbers of the model to the recoveries of some runs.
 
     parameters are given by the names of the FMU's variables. closure(values, run) may turn the
     fitted values into others, such as a velocity from its law over the aperture: it gets them by
     parameter's name and returns {variable: value}, which are set in place of those of the same
-    name. leave_out: fit again without each group of runs in turn and predict it. starts, seed and
-    progress: see `fit`. Raises InputError, and ImportError without scipy.
+    name. leave_out: fit again without each group of runs in turn and predict it. starts, seed,
+    progress, intervals, confidence and loss: see `fit`; intervals are profiles for runs by
+    streams under least squares, linear for others unless given. Raises InputError, and
+    ImportError without scipy.
 
     A run whose steady state the engine refuses counts as missed by 1 in every recovery.
     """
@@ -634,7 +892,8 @@ def calibrate(
                 )
     parameters = tuple(_started(p, runs) for p in parameters)
     models = _models(runs)
-    group = [run.group for run in runs for _ in _measured_places(run)]
+    any_streams = any(isinstance(run, StreamRun) for run in runs)
+    group = [run.group for run in runs for _ in run.measured]
 
     def predict(points: Array) -> Array:
         found = np.zeros((len(points), len(group)))
@@ -648,18 +907,23 @@ def calibrate(
     result = fit(
         predict,
         parameters,
-        np.concatenate([run.recovery[~np.isnan(run.recovery)] for run in runs]),
-        sigma=np.concatenate([np.asarray(run.sigma)[~np.isnan(run.recovery)] for run in runs]),
-        group=group if leave_out else (),
+        np.concatenate([run.measured for run in runs]),
+        sigma=np.concatenate([run.errors for run in runs]),
+        group=group,
+        leave_out=leave_out,
+        adjusted=sum(run.config.size_classes.count for run in runs if isinstance(run, StreamRun)),
         starts=starts,
         seed=seed,
         progress=progress,
+        intervals=intervals or ("profile" if any_streams and loss == "linear" else "linear"),
+        confidence=confidence,
+        loss=loss,
     )
     return Calibration(result, runs, closure)
 
 
 def _settings(
-    parameters: Sequence[Parameter], point: Array, run: Run, closure: Closure | None
+    parameters: Sequence[Parameter], point: Array, run: Run | StreamRun, closure: Closure | None
 ) -> dict[str, float]:
     """Values of the FMU's variables in a run at a point of the parameters."""
     acting = [(p, float(v)) for p, v in zip(parameters, point, strict=True) if p.acts_on(run.name)]
@@ -669,7 +933,7 @@ def _settings(
     return found
 
 
-def _started(parameter: Parameter, runs: Sequence[Run]) -> Parameter:
+def _started(parameter: Parameter, runs: Sequence[Run | StreamRun]) -> Parameter:
     """A parameter that starts where the configuration of its first run stands, if it may."""
     run = next(run for run in runs if parameter.acts_on(run.name))
     if parameter.start is not None or not parameter.variables:
@@ -689,9 +953,9 @@ class _Decks:
 
     def __init__(self, runs: Sequence[Run], index: Sequence[int], columns: Sequence[slice]) -> None:
         self.index, self.columns = index, columns
-        self.kept = [~np.isnan(runs[i].recovery) for i in index]
-        self.sweep = Sweep([runs[i].config for i in index])
-        self.configs = [runs[i].config for i in index]
+        self.kept = [~np.isnan(run.recovery) for run in runs]
+        self.sweep = Sweep([run.config for run in runs])
+        self.configs = [run.config for run in runs]
 
     def predict(self, settings: list[list[dict[str, float]]], found: Array) -> None:
         """Write the recoveries of these runs at every point."""
@@ -745,16 +1009,20 @@ class _Batch:
             row[self.column] = recovery[self.kept]
 
 
-def _models(runs: Sequence[Run]) -> list[_Decks | _Batch]:
+def _models(runs: Sequence[Run | StreamRun]) -> list[_Decks | _Batch | Streams]:
     """Runs with what predicts them: decks of one structure together, batches one by one."""
-    ends = np.cumsum([0, *(len(_measured_places(run)) for run in runs)])
+    ends = np.cumsum([0, *(run.measured.size for run in runs)])
     columns = [slice(int(a), int(b)) for a, b in pairwise(ends)]
     together: dict[object, list[int]] = {}
-    models: list[_Decks | _Batch] = []
+    models: list[_Decks | _Batch | Streams] = []
     for i, run in enumerate(runs):
-        if run.areal_mass is not None:
+        if isinstance(run, StreamRun):
+            models.append(Streams(run, i, columns[i]))
+        elif run.areal_mass is not None:
             models.append(_Batch(run, i, columns[i]))
         else:
             together.setdefault(run.config.size_classes, []).append(i)
-    models += [_Decks(runs, index, [columns[i] for i in index]) for index in together.values()]
+    for index in together.values():
+        decks = [run for i in index if isinstance(run := runs[i], Run)]
+        models.append(_Decks(decks, index, [columns[i] for i in index]))
     return models

@@ -31,15 +31,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
-from vibroscreen.survey.calibrate import Run
-from vibroscreen.survey.recoveries import runs_of
 from vibroscreen.survey.table import VARIABLE, Row, Table, number, read_tables
 from vibroscreen.units import INCH, KG_H, MICROMETRE, MM, PERCENT, T_H
 
-__all__ = ["Sheet", "Survey", "SurveyRun", "read_sheets", "read_survey"]
+__all__ = ["Sheet", "Survey", "SurveyRun", "read_sheets", "sheets_of"]
 
 Array = NDArray[np.float64]
 
@@ -123,20 +120,6 @@ class Survey:
 
     runs: tuple[SurveyRun, ...]
     notes: tuple[str, ...] = ()
-
-
-def read_survey(path: str | Path, config: ScreenConfig) -> tuple[Run, ...]:
-    """Runs of a survey on a screen, by recoveries; what a run does not say is the configuration's.
-
-    Raises InputError with the place and column of what cannot be used, OSError, ImportError.
-    """
-    try:
-        tables = read_tables(Path(path))
-        runs = [run for table in tables for run in runs_of(table, config)]
-    except InputError as error:
-        error.add_note(f"in {path}")
-        raise
-    return tuple(runs)
 
 
 def read_sheets(path: str | Path) -> Survey:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,7 @@ from vibroscreen.units import MM, PERCENT, T_H
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Measurement", "Noise", "Reconciled", "Reconciliation", "ScaleTest", "reconcile"]
+__all__ = ["Measurement", "Noise", "Reconciled", "Reconciliation", "Rows", "ScaleTest", "reconcile"]
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,8 @@ class Reconciled:
     edges: limits of the classes [m], the last inf where the coarsest sieve did not pass all. By
     stream: rates [class] and their standard errors [kg/s], 0 for rates that are held at 0 as the
     measurements would take them below; whether each is determined, by them or as 0. products:
-    the order of covariance[product class, product class] [kg2/s2], of what is determined.
+    the order of covariance[product class, product class] [kg2/s2], of what is determined. rows and
+    sigma: what was measured and its standard errors.
     """
 
     name: str
@@ -114,6 +115,8 @@ class Reconciled:
     products: tuple[str, ...]
     covariance: Array
     run: SurveyRun
+    rows: Rows = field(repr=False)
+    sigma: Array = field(repr=False)
 
     def through(self, deck: int) -> Array:
         """What passes a deck, from 1, by class [kg/s]: the feed of the next one."""
@@ -238,7 +241,7 @@ def _products(survey: Survey, decks: int | None) -> tuple[str, ...]:
 
 
 # --- one run -------------------------------------------------------------------------------------
-class _Rows:
+class Rows:
     """What was measured in a run, as rows over the unknowns.
 
     A measurement is part[j] x over whole[j] x, where whole is 0 for rates; x in units of `unit`.
@@ -338,7 +341,7 @@ class _Rows:
 class _Solved:
     """A run solved: its rows, unknowns, standard errors, and what the measurements determine."""
 
-    rows: _Rows
+    rows: Rows
     x: Array
     sigma: Array
     axes: Array  # of what is free and determined, over singular values, [axis, unknown]
@@ -348,7 +351,7 @@ class _Solved:
 
 
 def _solved(run: SurveyRun, products: Sequence[str], noise: Noise) -> _Solved:
-    rows = _Rows(run, products, noise)
+    rows = Rows(run, products, noise)
     sigma = rows.sigma(None)
     x = _first(rows, sigma)
     x = _least(rows, x, sigma, 1e-5)
@@ -366,7 +369,7 @@ def _solved(run: SurveyRun, products: Sequence[str], noise: Noise) -> _Solved:
     return _Solved(rows, x, sigma, whole / singular[:rank, None], slope, rank, known)
 
 
-def _first(rows: _Rows, sigma: Array) -> Array:
+def _first(rows: Rows, sigma: Array) -> Array:
     """Unknowns to begin with: shares times the rate that their stream may have."""
     share = np.where(rows.is_share, rows.value, 0.0)[:, None]
     matrix = (rows.part - share * rows.whole) / sigma[:, None]
@@ -390,7 +393,7 @@ def _above_zero(matrix: Array, target: Array) -> Array:
     return found
 
 
-def _least(rows: _Rows, x: Array, sigma: Array, end: float) -> Array:
+def _least(rows: Rows, x: Array, sigma: Array, end: float) -> Array:
     """The least sum of squares by Gauss and Newton, until no step is larger than `end`."""
 
     def cost(place: Array) -> float:
@@ -557,4 +560,6 @@ def _reconciled(part: _Solved) -> Reconciled:
         rows.products,
         axes.T @ axes,
         rows.run,
+        rows,
+        part.sigma,
     )

@@ -19,6 +19,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,12 @@ from vibroscreen.fields import nearest
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import SUM_TOLERANCE, Feed
 from vibroscreen.survey.calibrate import Run
-from vibroscreen.survey.table import Row, Table, number
+from vibroscreen.survey.read import sheets_of
+from vibroscreen.survey.streams import StreamRun, stream_runs
+from vibroscreen.survey.table import Row, Table, number, read_tables
 from vibroscreen.units import MM, T_H
 
-__all__ = ["runs_of", "tells_recoveries"]
+__all__ = ["read_survey"]
 
 Array = NDArray[np.float64]
 
@@ -55,12 +58,33 @@ COLUMNS = (
 BEYOND = 0.2
 
 
-def tells_recoveries(table: Table) -> bool:
-    """Whether a table is such a survey, not one of sheets of streams."""
-    return "stream" not in table.columns and not any("sieve" in name for name in table.columns)
+def read_survey(path: str | Path, config: ScreenConfig) -> tuple[Run | StreamRun, ...]:
+    """Runs of a survey on a screen; what a run does not say is that of the configuration.
+
+    Sheets of streams, and three or more streams by class, are runs by what was measured; other
+    surveys are runs by recoveries. Raises InputError with the place and column of what cannot be
+    used, OSError, ImportError.
+    """
+    try:
+        tables = read_tables(Path(path))
+        if not any(_by_streams(table.columns) for table in tables):
+            return tuple(run for table in tables for run in _runs_of(table, config))
+        survey = sheets_of(tables)
+        for note in survey.notes:
+            warnings.warn(note, stacklevel=2)
+        return stream_runs(survey, config)
+    except InputError as error:
+        error.add_note(f"in {path}")
+        raise
 
 
-def runs_of(table: Table, config: ScreenConfig) -> tuple[Run, ...]:
+def _by_streams(columns: Sequence[str]) -> bool:
+    """Whether a table tells streams, so many that they are to be reconciled."""
+    classes = [name for name in columns if name.endswith("_t_h") and name != "rate_t_h"]
+    return "recovery" not in columns and ("lower_mm" not in columns or len(classes) > 2)
+
+
+def _runs_of(table: Table, config: ScreenConfig) -> tuple[Run, ...]:
     """Runs of a table on a screen; what a run does not say is that of the configuration.
 
     Raises InputError with the line and column of what cannot be used.
@@ -141,6 +165,9 @@ def _run(name: str, rows: Sequence[Row], config: ScreenConfig) -> Run:
         size_classes=SizeClasses(edges, config.size_classes.subdivision),
         feed=Feed(rate, tuple(feed / feed.sum())),
     ).with_values(settings)
+    # That nothing larger than the openings passes says nothing of the screen.
+    openings = (max(panel.aperture for panel in deck.panels) for deck in own.decks)
+    recovery = np.where(own.size_classes.lower < min(openings), recovery, np.nan)
     group = {row.cells["group"] for row in rows} if "group" in head else {""}
     if len(group) > 1:
         raise InputError(f"group of run {name!r} differs within the run: give one", "group")
