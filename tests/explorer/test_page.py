@@ -444,6 +444,21 @@ def test_time_brings_the_running_screen_to_the_steady_one(quarry: ChromiumPage) 
     assert depth[1] == pytest.approx(expected, rel=1e-12)
 
 
+def test_pictures_out_of_view_follow_once_it_rests(browser: Any, pages: dict[str, Path]) -> None:
+    """On a telephone: what is seen is drawn at every move, the rest a moment later."""
+    page = ChromiumPage(browser, pages["quarry"], NARROW)
+    page.wait("!inView.has('bed') && inView.has('partition')")
+    lines = "[...models['partition: deck 1'].data.y], [...models['bed: deck 1'].data.y]"
+    shown = "curves(shown).partition[0][1], curves(shown).bed[0][1]"
+    rate = control_of(page, "rate")
+    before, after = page.run(
+        f"(() => {{ const old = [{lines}]; setNumber({rate}, '350'); return [old, [{lines}]]; }})()"
+    )
+    assert (before[0] == after[0], before[1] == after[1]) == (False, True)
+    page.wait(f"JSON.stringify([{lines}]) === JSON.stringify([{shown}])")
+    page.page.close()
+
+
 def test_no_number_of_the_tables_is_none(quarry: ChromiumPage) -> None:
     """What there is nothing of is a dash: nothing passes a blank plate."""
     quarry.run(f"setNumber({control_of(quarry, 'open area')}, '0') ?? 1")

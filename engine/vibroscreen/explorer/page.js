@@ -268,7 +268,8 @@ let kept = null; // { seen, fields } of the state that was kept
 let shown = null; // what is on the page
 
 function line(name, [x, y] = [[], []]) {
-  model(name).data = { x, y };
+  const source = model(name);
+  if (x.length || source.data.x.length) source.data = { x, y }; // an empty one is drawn anew too
 }
 
 function rise(picture, most) {
@@ -291,22 +292,35 @@ function curves(seen) {
   return found;
 }
 
-function draw(seen) {
+// Pictures on the part of the page that people see follow every move, the others once it rests.
+const inView = new Set(Object.keys(SCREEN.lines));
+const watcher = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries)
+    inView[isIntersecting ? "add" : "delete"](target.id.replace("picture-", ""));
+}, { rootMargin: "100px" });
+let rest = 0;
+
+function draw(seen, everything = false) {
   shown = seen;
+  clearTimeout(rest);
+  if (!everything) rest = setTimeout(() => draw(shown, true), 300);
   const now = curves(seen), before = kept ? curves(kept.seen) : {};
+  const most = (...parts) => Math.max(...parts.flat().flatMap((one) => one[1]));
   for (const [picture, names] of Object.entries(SCREEN.lines)) {
+    if (!everything && !inView.has(picture)) continue;
     names.forEach((name, k) => {
       line(`${picture}: ${name}`, now[picture][k]);
       if (picture !== "time") line(`${picture}: ${name}, kept`, before[picture]?.[k]);
     });
+    if (picture === "bed") rise("bed", most(now.bed, before.bed ?? []));
+    if (picture === "map") drawMap(seen);
+    if (picture === "time" && seen.time) {
+      const [[times]] = seen.time;
+      rise("time", most(seen.time));
+      model("time").x_range.setv({ start: times[0], end: Math.max(clock, times[0] + 10) });
+    }
   }
-  rise("bed", Math.max(...[...now.bed, ...(before.bed ?? [])].flatMap((one) => one[1])));
-  if (seen.time) {
-    rise("time", Math.max(...seen.time.flatMap((one) => one[1])));
-    model("time").x_range.setv({ start: seen.time[0][0][0], end: Math.max(clock, seen.time[0][0][0] + 10) });
-  }
-  drawMap(seen);
-  drawTables(seen);
+  if (!everything) drawTables(seen);
 }
 
 function drawMap(seen) {
@@ -594,6 +608,7 @@ async function start() {
   const pictures = JSON.parse(byId("drawn").textContent);
   const drawn = Object.entries(pictures).map(async ([name, item]) => {
     await Bokeh.embed.embed_item(item, `picture-${name}`);
+    watcher.observe(byId(`picture-${name}`));
   });
   await Promise.all([load(), ...drawn]);
   passing = sums(SCREEN.fractions);
