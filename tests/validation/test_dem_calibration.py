@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bed_velocity
 from dem_calibration import PLATE
 from evidence import DATA
 from plate import along, fit
 from plate.batch_section import write_batches
 from plate.decks import deck_runs, twice_the_feed
 from plate.isolated import isolated
+from plate.rides import HARDLY, ride_errors
 from plate.segregation import growth
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import calibrate
@@ -125,10 +127,31 @@ def test_the_plate_meets_the_decks(plate: ScreenConfig) -> None:
     assert max(rmse([error]) for error in errors.values()) <= 0.05
 
 
-def test_linear_decks_by_the_model_of_the_velocity(plate: ScreenConfig) -> None:
-    """The model `bed` conveys; of the circular decks it is too fast on the one against the flow."""
-    assert rmse([deck_error(plate, name, measured=False) for name in LINEAR]) <= 0.035
-    assert rmse([deck_error(plate, "CP", measured=False)]) <= 0.13
+def test_decks_by_the_model_of_the_velocity(plate: ScreenConfig) -> None:
+    """The model `bed` conveys; it misses the circular decks at the feed end, where beds start."""
+    assert rmse([deck_error(plate, name, measured=False) for name in LINEAR]) <= 0.036
+    assert rmse([deck_error(plate, name, measured=False) for name in ("CP", "CM")]) <= 0.085
+
+
+def test_the_velocity_of_the_perforated_decks(plate: ScreenConfig) -> None:
+    """Within 17 % each; both circular ones to 11 % by numbers that have not seen them."""
+    cases = bed_velocity.deck_cases()
+    assert abs(bed_velocity.deck_velocities(cases) / cases.v - 1.0).max() <= 0.18
+    assert abs(bed_velocity.decks_left_out(("CP", "CM"))).max() <= 0.12
+    assert plate.material.friction_deck == bed_velocity.OPENINGS_GRIP
+
+
+def test_beds_of_our_own_that_ride(plate: ScreenConfig) -> None:
+    """Nothing was fitted to them; where the deck hardly throws the model is known to miss."""
+    found = ride_errors(numbers(plate))
+    thrown = found[found["kind"] != f"throw number below {HARDLY:g}"]
+    assert len(thrown) > 60
+    assert math.sqrt((thrown["rmse"] ** 2).mean()) <= 0.085
+    assert math.sqrt((thrown["noise"] ** 2).mean()) <= 0.035
+    fast = thrown[thrown["v"] > 0.1]
+    off = abs(fast["v of bed"] / fast["v"] - 1.0)
+    assert off.median() <= 0.09
+    assert off.quantile(0.9) <= 0.25
 
 
 def test_the_plate_meets_the_batches(plate: ScreenConfig) -> None:
@@ -170,7 +193,7 @@ def batch() -> dict[str, float]:
 def test_batches_fitted_by_themselves(batch: dict[str, float], plate: ScreenConfig) -> None:
     assert len(batch) <= 6
     alone = plate.with_values(batch)
-    assert rmse([batch_error(alone, name) for name in BATCHES]) <= 0.035
+    assert rmse([batch_error(alone, name) for name in BATCHES]) <= 0.037
     held = fit.by_run(fit.batch_fit())["left out"]
     assert rmse([held.to_numpy()]) <= 0.045
 

@@ -10,7 +10,7 @@ from plate.errors import at
 from plate.fit import batch_fit, by_run, common_fit, numbers_of
 from plate.fit_tables import numbers_table, said
 from plate.isolated import isolated
-from plate.model import BOUNCING, CROWDING, DILATION, LAYER, LEVELLING
+from plate.model import BOUNCING, CROWDING, LAYER, LEVELLING
 from vibroscreen.calibrate import Calibration
 from vibroscreen.units import MM
 
@@ -64,8 +64,7 @@ at 15 Hz, 35 mm deep; S2 2 mm; S3 4 mm; S4 half as deep; S6 a finer feed.
 `bounce`, model `exchange`, both velocities by the closure in the vibration. Drift plays no part:
 nothing conveys. Held, though chosen with these data in view, so that they count as fitted: crowding
 {CROWDING:g}, levelling {LEVELLING:g}, bouncing {BOUNCING:g}; the contact layer, 12 mm, one coarsest
-grain, and the layers above, {LAYER / MM:g} mm; of the dilation what does not go with the grains,
-{DILATION / MM:g} mm.
+grain, and the layers above, {LAYER / MM:g} mm. Gaps go with the grains alone.
 
 {table(head, rows)}
 ![Recovery over time of the batches](dem_batch.png)

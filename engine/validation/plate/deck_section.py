@@ -7,18 +7,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bed_velocity import PERFORATED, ROLLING
 from evidence import table
 from plate.along import along, block_errors, within
 from plate.decks import deck_errors, deck_runs, twice_the_feed
 from plate.errors import at, rmse
 from plate.fit import batch_fit, by_kind, by_run, common_fit, free_fit, numbers_of
 from plate.fit_tables import numbers_table, said
-from plate.model import BOUNCING, CROWDING, FRICTION, LAYER, LEVELLING
+from plate.model import BOUNCING, CROWDING, LAYER, LEVELLING
+from plate.rides import ride_errors
 from plate.simulations import BATCHES, DECKS, JUDGED, KINDS, read
 from vibroscreen.calibrate import Calibration
 from vibroscreen.units import MM
 
+CIRCULAR = ("CP", "CM")
 TRIED = Path(__file__).with_name("tried.md")  # by hand: figures of days gone by
 
 
@@ -82,6 +83,28 @@ def kinds_table() -> str:
     return table(("left out", "RMSE, five numbers fitted", "seven fitted"), rows)
 
 
+def rides_table(values: dict[str, float]) -> str:
+    """Errors of passage and of the velocity on the beds of our own DEM, by kind."""
+    found = ride_errors(values)
+    found["off"] = (found["v of bed"] / found["v"] - 1.0).abs().where(found["v"].abs() > 0.1)
+    rows = []
+    for kind, part in (*found.groupby("kind"), ("all", found)):
+        worst = part["rmse"].astype(float).idxmax()
+        off = part["off"].median()
+        rows.append(
+            (
+                kind,
+                str(len(part)),
+                f"{rmse(part['rmse'].to_numpy(dtype=float)):.3f}",
+                f"{rmse(part['noise'].to_numpy(dtype=float)):.3f}",
+                f"{worst} {at(part, str(worst), 'rmse'):.3f}",
+                "" if np.isnan(off) else f"{off:.0%}",
+            )
+        )
+    head = ("motion", "beds", "RMSE", "of it noise", "worst", "velocity of `bed`, median error")
+    return table(head, rows)
+
+
 def write_decks(pictures: Path) -> str:
     """Section "DEM decks"."""
     common, free = common_fit(), free_fit()
@@ -122,7 +145,7 @@ def write_decks(pictures: Path) -> str:
         for name in BATCHES
     ]
     fitted = errors["fitted"]
-    level = tuple(name for name in DECKS if name not in ("CP", "CM"))
+    level = tuple(name for name in DECKS if name not in CIRCULAR)
     return f"""\
 Data: `data/dem_deck*.csv`: continuous decks of 0.66 m, spheres of 3 to 12 mm, feed as measured. B0
 linear 45 degrees, 4 mm, 15 Hz; A3 3 mm; Bh half the feed; B15 1.5 times (its hold-up still grows:
@@ -139,12 +162,12 @@ how grains pass. Held are crowding {CROWDING:g}, levelling {LEVELLING:g} and bou
 round numbers chosen with all cases in view, so they count as fitted.
 
 {table(head, rows)}
-With the velocity of the displacement model `bed` (times {PERFORATED:g}, rolling {ROLLING:g},
-friction {FRICTION:g}: [Bed velocity](#bed-velocity)), nothing refitted, the decks under linear
-motion are met as well, {over(conveyed["rmse"], level):.3f}. The circular ones are not: `bed` is too
-fast on CP, and on both at the feed end, where these beds come in slowly; so it carries their
-grains over the openings. That is an error of the transport. With the constants of the batches, no
-drift at all, fast beds pass far too easily: what the decks add is the drift.
+With the velocity of the displacement model `bed` on the perforated plate
+([Bed velocity](#bed-velocity)), nothing refitted, the decks under linear motion are met as well,
+{over(conveyed["rmse"], level):.3f}, and the circular ones to
+{over(conveyed["rmse"], CIRCULAR):.3f}: there the bed comes in slowly from the feed plate, which
+the model does not know. With the constants of the batches, no drift at all, fast beds pass far
+too easily: what the decks add is the drift.
 
 ![Recovery by size of the decks](dem_decks.png)
 
@@ -163,6 +186,24 @@ RMSE {over(of_free, DECKS + BATCHES):.4f}, B15 {of_free["B15"]:.3f}.
 What the fit says of itself:
 
 {said(common)}
+**Held out: beds that ride**, a DEM of our own (`data/ride_dem.csv`,
+`tests/benchmarks/ride_dem.py`) of the same plate: mixed beds of 8 to 60 mm on a periodic patch,
+as one package of a deck rides, with other strokes, frequencies, rotations, slopes, depths and
+feeds. Nothing is fitted to them. They start settled and at rest, not from a feed plate, and pass
+more at first than a deck does. At the velocity of the simulation:
+
+{rides_table(values)}
+So, of what these beds show and the model does not have:
+
+- **Where the deck hardly throws** (throw number below 1.7 with a part along the deck), they pass
+  as much as at 3; the closure gives them little, as it must the batches that shake vertically
+  (S2). Shear loosens a bed too. Practice, which asks for a throw of 3, is on the closure's side.
+- **Deep beds on slopes** (30 and 50 mm at 18 degrees) pass as freely as thin ones: there the bed
+  shears, and neither percolation nor tries fall with depth.
+- **Near-size at low velocity** under circular motion passes less than the model says, on fast
+  decks more: the drift of the model is nothing at v = 0 and falls too steeply with v.
+- Coarse feeds pass sooner than the model says.
+
 Undersize along the deck, with two standard errors of the particles counted. Standard errors from
 four blocks of each run are {block_errors():.2f} times those of the counts (root mean square over
 the recoveries), so the bands are honest; they do not hold a drift over the run (B15). Within the

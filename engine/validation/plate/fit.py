@@ -26,7 +26,7 @@ BATCH_NUMBERS = (
     Parameter("passage.velocity", 0.01, 20.0, 0.25),
     Parameter("passage.rim", 0.0, 0.9, 0.3, scale="linear"),
     Parameter("segregation.velocity", 0.005, 1.0, 0.06),
-    Parameter("segregation.relative_dilation", 0.01, 2.0, 0.2),
+    Parameter("segregation.relative_dilation", 0.01, 2.0, 0.4),
 )
 COMMON_NUMBERS = (*BATCH_NUMBERS, Parameter("passage.drift", 0.0, 1.0, 0.2, scale="linear"))
 # What the common fit holds.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from bed_velocity import PERFORATED, ROLLING
+from bed_velocity import OPENINGS_GRIP, PERFORATED, ROLLING
 from plate.simulations import APERTURE, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
 from vibroscreen import Feed, Motion, ScreenConfig
 from vibroscreen.sections import (
@@ -23,8 +23,6 @@ from vibroscreen.units import MM
 LAYER = 4.0 * MM  # the mixing length above the contact layer, which is one coarsest grain
 CROWDING, LEVELLING = 2.0, 0.2  # round, chosen with fits of them in view
 BOUNCING = 10.0  # by single spheres (`isolated`); the decks and batches hardly see it
-DILATION = 1.25 * MM  # round
-FRICTION = 0.5  # of the spheres and of the plate, on which they roll: `ROLLING`
 NARROW = 0.05  # mm
 
 
@@ -40,7 +38,7 @@ def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066
     return ScreenConfig(
         classes,
         decks=(Deck(width, (panel,)),),
-        material=Material(BULK_DENSITY, FRICTION, FRICTION, ROLLING),
+        material=Material(BULK_DENSITY, OPENINGS_GRIP, OPENINGS_GRIP, ROLLING),
         motion=motion,
         displacement=Displacement("bed"),
         passage=Passage(
@@ -52,7 +50,7 @@ def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066
             bouncing=BOUNCING,
             closure="vibration",
         ),
-        segregation=Segregation("exchange", dilation=DILATION, closure="vibration"),
+        segregation=Segregation("exchange", dilation=0.0, closure="vibration"),
         bed=Bed(COARSEST, LAYER, layers=64),
         solver=Solver(1e-4),
         feed=feed,
