@@ -30,6 +30,7 @@ from vibroscreen.motion import SENSES, Harmonic, Motion
 from vibroscreen.number_sets import NumberSet
 from vibroscreen.sections import (
     CLOSURES,
+    SLOTS,
     Bed,
     Deck,
     Displacement,
@@ -271,6 +272,10 @@ class ScreenConfig:
             if name != "bed":
                 numbers["closure"] = CLOSURES[section.follows_vibration]
             told[name] = dataclasses.replace(section, **numbers)
+        told["decks"] = tuple(
+            dataclasses.replace(deck, panels=tuple(panel.explicit() for panel in deck.panels))
+            for deck in self.decks
+        )
         return self.replace(**told)
 
     @property
@@ -351,17 +356,22 @@ class ScreenConfig:
                 yield told_of(Panel, "length", name, "unequal_decks", deck.length, first)
             for number, panel in enumerate(deck.panels, start=1):
                 name = f"deck[{place}].panel[{number}]"
-                yield from self._aperture_faults(name, panel.aperture, deck.length)
+                yield from self._opening_faults(name, panel, deck.length)
                 if panel.aperture > above and panel.open_area > 0.0:
                     yield told_of(Panel, "aperture", name, "coarser_below", panel.aperture, above)
                 yield from self._slope_faults(name, panel.inclination)
             above = max(panel.aperture for panel in deck.panels)
 
-    def _aperture_faults(self, name: str, aperture: float, length: float) -> Iterator[str]:
+    def _opening_faults(self, name: str, panel: Panel, length: float) -> Iterator[str]:
+        aperture, slot = panel.aperture, panel.slot_length
         if aperture > length:
             yield told_of(Panel, "aperture", name, "short_deck", aperture, length)
         if (end := self.passage.off_table(aperture)) is not None:
             yield told_of(Panel, "aperture", name, "off_table", aperture, end)
+        if panel.opening in SLOTS and slot < aperture:
+            yield told_of(Panel, "slot_length", name, "short_slot", slot, aperture)
+        elif panel.opening not in SLOTS and slot > 0.0:
+            yield told_of(Panel, "slot_length", name, "no_slot", slot)
 
     def _slope_faults(self, name: str, inclination: float) -> Iterator[str]:
         """What is wrong with a slope; a bed that is steeper than was checked is a warning."""

@@ -44,6 +44,10 @@ TEXT = {
     "one box are equally long, change the lengths of the panels",
     "coarser_below": "{given} is larger than any opening of the deck above ({limit:.6g} {unit}), "
     "here nothing would be screened: list the coarsest deck first, or swap the two",
+    "short_slot": "{given} is less than the aperture ({limit:.6g} {unit}): give the long side of "
+    "the slots, the aperture is their short one",
+    "no_slot": '{given} is given for openings that are no slots: write opening = "slot" or '
+    '"slot_across", or leave it out',
     "no_feed": "{given} has no steady separation: give a positive feed",
     "no_conveying": "{given}, {other} do not convey, so there is no steady state: raise them, turn "
     'the throw angle down-slope, or use displacement.model = "prescribed"',
@@ -104,6 +108,9 @@ TEXT = {
     "{limit:.4g} m: check the feed rate, the width and the bed velocity",
     "implausible_velocity": "the bed of deck {number:.6g} rides at {value:.4g} m/s, faster than "
     "{limit:.4g} m/s: check the inclination, the motion and the friction",
+    "hidden_opening": "bars of {limit:.4g} m hide the openings of {value:.4g} m on deck "
+    "{number:.6g} from falling grains on its slope: make the panel flatter, or give the thickness "
+    "of thinner bars",
     "implausible_motion": "K = {value:.4g} (amplitude x angular frequency^2 over gravity) is above "
     "{limit:.4g}: check the frequency, and that the amplitude is half the stroke",
     "state_size": "state = {value:.15g} bytes is not a state of this screen ({limit:.15g} bytes): "

@@ -309,8 +309,8 @@ class Text(Entry):
 class Choice(Entry):
     """One of the names that `names()` lists; in the engine its place there, from 1 on.
 
-    tells and variability: as of a Number; meanings: what a reader is told of each name. optional:
-    whether it may be left out, as None.
+    also, tells and variability: as of a Number; meanings: what a reader is told of each name.
+    optional: whether it may be left out, as None.
     """
 
     key: str
@@ -319,6 +319,10 @@ class Choice(Entry):
     meanings: tuple[str, ...] = ()
     variability: str = "fixed"
     optional: bool = False
+    also: str = ""
+
+    def meant(self, path: str, key: str, raw: Any) -> str | None:
+        return f'{path} = "{raw}"' if key in self.also.split() and raw in self.names() else None
 
     def check(self, name: str, value: Any) -> Any:
         if value is None and self.optional:
@@ -419,6 +423,16 @@ def check_fields(instance: Any, name: str) -> None:
     for field_name, entry in entries(type(instance)).items():
         checked = entry.check(prefix + field_name, getattr(instance, field_name))
         object.__setattr__(instance, field_name, checked)
+
+
+def in_engine(section: Any, field: str) -> float:
+    """A number of a configuration dataclass as the engine holds it: a choice by its place from 1.
+
+    The property `effective`, if it has one, says what stands for a field that is not given.
+    """
+    entry, value = entries(type(section))[field], getattr(section, field)
+    value = getattr(section, "effective", {}).get(field, value)
+    return float(entry.names().index(value) + 1 if isinstance(entry, Choice) else value)
 
 
 def told_of(

@@ -235,7 +235,8 @@ ALARMS = (
     ),
     _alarm(
         "plausibility",
-        "A bed deeper than 0.5 m or faster than 3 m/s, or a K above 10: such screens are not built",
+        "A bed deeper than 0.5 m or faster than 3 m/s, a K above 10, or openings that bars hide on "
+        "a steep panel: such screens are not built",
     ),
 )
 BOX = (*_RATES, *figures_of(BoxFigures), *ALARMS)

@@ -33,6 +33,7 @@ def _scene(aperture: float, open_area: float) -> Row:
         )
     scene = Row(np.zeros(len(state.SCENE)), 0, state.SCENE)
     scene.aperture, scene.open_area = aperture, open_area
+    scene.across = scene.along = scene.seen = scene.closed = aperture
     return scene
 
 

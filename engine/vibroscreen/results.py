@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -34,7 +34,7 @@ class Rows(NamedTuple):
     """What results of decks are made from: `deck_result`, and streams by node [kg/s].
 
     fed: to the screen; rates: `step_mass` in a second; last_fraction: of the feed, which streams
-    that do not flow repeat.
+    that do not flow repeat; closed: sizes from which on nothing passes a deck [m].
     """
 
     nodes: Nodes
@@ -43,12 +43,12 @@ class Rows(NamedTuple):
     fed: Array
     rates: Array
     last_fraction: Array
-    largest: Sequence[float]
+    closed: Array
 
     @property
     def decks(self) -> tuple[DeckResult[float], ...]:
         """Results of the decks, top deck first."""
-        count = len(self.largest)
+        count = len(self.closed)
         come = [self.fed, *self.rates[0, : count - 1]]
         parts = (
             Separation(
@@ -58,7 +58,7 @@ class Rows(NamedTuple):
                 self.rates[0, d],
                 self.rates[1, d],
                 self.last_fraction,
-                self.largest[d],
+                float(self.closed[d]),
             )
             for d in range(count)
         )
@@ -68,11 +68,18 @@ class Rows(NamedTuple):
         )
 
 
+def closed(scene: Array) -> Array:
+    """Size from which on nothing passes each deck [m], from scenes [deck, panel, number]."""
+    sizes: Array = scene[:, :, state.SCENE.index("closed")].max(axis=1)
+    return sizes
+
+
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """What came to a deck, passed it and left over it [kg/s], by node, and its largest aperture.
+    """What came to a deck, passed it and left over it [kg/s], by node.
 
-    last_fraction: by node, of the feed of the screen; streams that do not flow repeat it.
+    last_fraction: by node, of the feed of the screen; streams that do not flow repeat it. closed:
+    size from which on nothing passes the deck [m].
     """
 
     nodes: Nodes
@@ -81,7 +88,7 @@ class Separation:
     under: Array
     over: Array
     last_fraction: Array
-    largest: float
+    closed: float
 
     def stream(self, rates: Array) -> Stream:
         """A stream by class."""
@@ -133,7 +140,7 @@ class DeckResult(DeckFigures[Value]):
         Raises ValueError where nothing flows.
         """
         parts = self._streams
-        return partition(parts.nodes.size, parts.under, parts.over, parts.largest)
+        return partition(parts.nodes.size, parts.under, parts.over, parts.closed)
 
 
 def deck_values(deck: DeckFigures[float]) -> dict[str, Any]:

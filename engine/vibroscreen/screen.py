@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from itertools import islice
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroscreen import registry
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError, given, told
-from vibroscreen.fields import Choice
+from vibroscreen.fields import in_engine
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.classes import most_nodes
 from vibroscreen.kernels.entry import (
@@ -33,13 +32,13 @@ from vibroscreen.kernels.scene import END_OF_MOTION, FIRST_OF_MOTION, PRESCRIBED
 from vibroscreen.kernels.steady import FEED_RATE
 from vibroscreen.layout import Layout
 from vibroscreen.motion import Motion
-from vibroscreen.results import Rows, StepResult, box_of, by_class, reasons
+from vibroscreen.results import Rows, StepResult, box_of, by_class, closed, reasons
 from vibroscreen.sections import RECONSTRUCTIONS, Deck
 from vibroscreen.size_classes import Nodes
 from vibroscreen.steady import Slice, SteadyResult, sieve
 from vibroscreen.stream import Feed, Stream
 from vibroscreen.units import DEG
-from vibroscreen.variables import PARAMETERS, Variable, setting
+from vibroscreen.variables import PANELS, PARAMETERS, Variable, setting
 
 if TYPE_CHECKING:  # the host of an FMU need not have it
     import pandas as pd
@@ -208,7 +207,7 @@ class Screen:
         seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
         fed = share * seen[seen.size - classes - 1]
         figures = self.view("deck_result").copy()
-        return Rows(self.nodes, classes, figures, fed, rates, share, self.config.largest_apertures)
+        return Rows(self.nodes, classes, figures, fed, rates, share, closed(self.view("scene")))
 
     def bed_at(self, place: float, deck: int = 1) -> Array:
         """What lies now at a place [m] from the feed end: areal mass [layer, class], kg/m2.
@@ -341,8 +340,8 @@ def slice_layout(config: ScreenConfig, designs: int = 1) -> Layout:
 
 def roomy_layout(config: ScreenConfig, *, packages: bool, designs: int = 1) -> Layout:
     """Room for whatever nodes a screen may have; without packages for one slice of the bed."""
-    apertures = len(config.apertures)
-    room = most_nodes(config.size_classes.count, apertures, float(config.size_classes.subdivision))
+    kinks = 2 * sum(len(deck.panels) for deck in config.decks)
+    room = most_nodes(config.size_classes.count, kinks, float(config.size_classes.subdivision))
     return _layout(config, int(room), packages=packages, designs=designs)
 
 
@@ -420,7 +419,7 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
     put("width", [deck.width for deck in config.decks])
     for d, deck in enumerate(config.decks):
         count = len(deck.panels)
-        rows = np.array([dataclasses.astuple(panel) for panel in deck.panels])
+        rows = [[in_engine(panel, variable.field) for variable in PANELS] for panel in deck.panels]
         layout.view(buffer, "panel")[d, :count] = rows
         layout.view(buffer, "panel_count")[d] = count
         length = np.array([panel.length for panel in deck.panels])
@@ -438,16 +437,10 @@ def fill(layout: Layout, buffer: Array, config: ScreenConfig, nodes: Nodes | Non
 
 
 def _parameter(config: ScreenConfig, variable: Variable) -> float:
-    """A parameter as the engine holds it: a choice by its place, from 1 on."""
-    section = getattr(config, variable.section)
-    value = getattr(section, "effective", {}).get(variable.field)
-    if value is None:
-        value = getattr(section, variable.field)
-    if isinstance(variable.entry, Choice):
-        return float(variable.entry.names().index(value) + 1)
+    """A parameter as the engine holds it."""
     if (variable.section, variable.field) == ("passage", "velocity"):
         return passage_velocity(config)
-    return float(value)
+    return in_engine(getattr(config, variable.section), variable.field)
 
 
 def settings_of(config: ScreenConfig) -> tuple[Variable | None, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,9 @@ DEFAULT_TABLE = Path(__file__).with_name("passage_velocity.csv")
 TABLE_COLUMNS = ("aperture_mm", "velocity_m_s")
 # Whether u and w follow from the vibration; their place here is what the buffer holds.
 CLOSURES = ("none", "vibration")
+# Shapes of openings; their place here, from 1 on, is what the buffer holds.
+OPENINGS = ("square", "slot", "round", "slot_across")
+SLOTS = ("slot", "slot_across")
 # Composition inside a layer; their place here is what the buffer holds.
 RECONSTRUCTIONS = ("none", "linear")
 # What screens are made like, with room. The largest in makers' lists are about 12 x 4.9 m; bars of
@@ -64,6 +67,7 @@ BESIDE = {
     "segregation.dilation": "segregation.relative_dilation",
     "bed.contact_depth": "bed.relative_contact_depth",
     "bed.layer_depth": "bed.relative_layer_depth",
+    "thickness": "relative_thickness",  # of every panel
 }
 # What is taken where neither a number nor its part of the aperture is given: the number, the part.
 # The set "typical dry stone" (calibrations/typical_dry_stone.toml says what it was fitted to).
@@ -71,6 +75,7 @@ PASSAGE_VELOCITY = (0.0, 0.56)  # m/s, over sqrt(g aperture): a fully loose bed,
 PERCOLATION_VELOCITY = (0.0, 0.034)  # m/s, over sqrt(g aperture), at a throw number of 3
 DILATION = (0.0, 0.8)  # m, over the mean grain size: an opening in flight, not a static gap
 CONTACT_DEPTH = (0.0, 1.0)  # m, over the aperture
+THICKNESS = (0.0, 1.0)  # m, over the bar that open area and aperture imply
 BOUNCE = ", used by the passage law bounce"
 
 
@@ -159,7 +164,10 @@ class Panel:
 
     length [m]; inclination [rad], down-slope positive; aperture: clear opening [m]; open_area:
     useful open area fraction [1], 0 for a blank plate; velocity_factor: on the velocity of
-    the bed that the displacement model gives [1].
+    the bed that the displacement model gives [1]. opening: shape of the openings, aperture is the
+    short side or the diameter; a "slot" lies along the flow, "slot_across" across it, its long side
+    is slot_length [m]. thickness of the medium [m]: hides a part of the openings of an inclined
+    panel; relative_thickness: over the bar that open area and aperture imply, adds to it [1].
     """
 
     length: float = number(
@@ -188,8 +196,8 @@ class Panel:
         MM,
         at_least=FINEST,
         at_most=COARSEST,
-        also="opening hole hole_size openings slot",
-        tells="Clear opening of the screening medium",
+        also="opening hole hole_size openings slot_width",
+        tells="Clear opening of the screening medium, of a slot the short side",
     )
     open_area: float = number(
         0.55,
@@ -210,9 +218,67 @@ class Panel:
         tells="Factor on the velocity of the bed that the displacement model gives",
         cure="give a factor that is not negative",
     )
+    opening: str = said(
+        "square",
+        Choice(
+            "opening",
+            lambda: OPENINGS,
+            also="shape hole_shape opening_shape aperture_shape",
+            tells="Shape of the openings",
+            meanings=(
+                "square openings",
+                "slots with the long side along the flow",
+                "round openings",
+                "slots with the long side across the flow",
+            ),
+        ),
+    )
+    slot_length: float = number(
+        0.0,
+        "slot_length_mm",
+        "m",
+        MM,
+        at_least=0.0,
+        at_most=LONGEST,
+        also="slot length_of_slot opening_length hole_length",
+        tells="Long side of a slot; 0 where the openings are no slots",
+    )
+    thickness: float | None = number(
+        None,
+        "thickness_mm",
+        "m",
+        MM,
+        at_least=0.0,
+        at_most=COARSEST,
+        optional=True,
+        also="wire bar wire_diameter bar_width bridge medium_thickness",
+        tells="Thickness of the medium between its openings, beside what relative_thickness adds; "
+        "hides a part of the openings of an inclined panel",
+        cure="give the diameter of the wire, or the thickness of the bars",
+    )
+    relative_thickness: float | None = number(
+        None,
+        "relative_thickness",
+        at_least=0.0,
+        at_most=100.0,
+        optional=True,
+        tells="Thickness of the medium over the bar that open area and aperture imply",
+        cure="0 leaves what thickness says",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "deck.panel")
+
+    @property
+    def effective(self) -> dict[str, float]:
+        """Thickness of the medium [m, over the implied bar], as the engine has it."""
+        thickness, relative = _pair(self.thickness, self.relative_thickness, THICKNESS)
+        return {"thickness": thickness, "relative_thickness": relative}
+
+    def explicit(self) -> Panel:
+        """The same panel with every number written."""
+        numbers: dict[str, Any] = dict(self.effective)
+        return replace(self, **numbers)
 
 
 @dataclass(frozen=True)

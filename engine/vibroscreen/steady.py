@@ -16,7 +16,7 @@ from vibroscreen.figures import BoxFigures
 from vibroscreen.kernels import state
 from vibroscreen.kernels.entry import FOLLOW, LAY_BATCH, SOLVE, START_BELOW, START_SLICE, run
 from vibroscreen.layout import Layout
-from vibroscreen.results import BOX, Rows, Told, box_of, by_class, class_frame, reasons
+from vibroscreen.results import BOX, Rows, Told, box_of, by_class, class_frame, closed, reasons
 from vibroscreen.size_classes import Nodes, SizeClasses
 from vibroscreen.stream import Feed, Stream
 
@@ -276,7 +276,7 @@ class Slice:
             share * feed_rate,
             kept.view("step_mass"),
             share,
-            self.config.largest_apertures,
+            closed(kept.view("scene")),
         )
 
     def __getstate__(self) -> tuple[Any, ...]:

@@ -215,7 +215,8 @@ def _begun(config: ScreenConfig, names: Collection[str]) -> ScreenConfig:
 
     What it gives is written over by the columns.
     """
-    given = [name for name in names if name in BESIDE or name in BESIDE.values()]
+    beside = {*BESIDE, *BESIDE.values()}
+    given = [name for name in names if name in beside or name.rpartition(".")[2] in beside]
     return config.with_values({name: config.value_of(name) or ANY for name in given})
 
 

@@ -101,11 +101,12 @@ def _add_units(parent: etree._Element, ports: tuple[Port, ...]) -> None:
 
 
 def _add_types(parent: etree._Element, ports: tuple[Port, ...]) -> None:
-    for port, enumeration in ((port, port.enumeration) for port in ports):
-        if enumeration is None:
-            continue
+    types = {port.enumeration.name: port for port in reversed(ports) if port.enumeration}
+    for name, port in reversed(types.items()):
+        enumeration = port.enumeration
+        assert enumeration is not None
         kind = etree.SubElement(
-            parent, "SimpleType", name=enumeration.name, description=f"Choice of {port.name}"
+            parent, "SimpleType", name=name, description=f"Choice of {port.name}"
         )
         items = etree.SubElement(kind, "Enumeration")
         for value, (name, text) in enumerate(enumeration.items, 1):

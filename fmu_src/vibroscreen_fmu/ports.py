@@ -8,6 +8,7 @@ different numbers of panels, the buffer has room that no panel fills: references
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -115,7 +116,9 @@ def _choices(number: Variable, entry: Choice, chosen: float) -> Enumeration:
     """The choices of a variable: what is built in, and what a user registered up to `chosen`."""
     names = entry.names()[: max(len(entry.meanings), int(chosen))]
     own = ("one's own",) * (len(names) - len(entry.meanings))
-    title = "".join(word.capitalize() for word in number.name.split("."))
+    # All panels share the type of their openings.
+    words = re.sub(r"\[\d+\]", "", number.name).split(".")
+    title = "".join(word.capitalize() for word in words)
     return Enumeration(title, tuple(zip(names, (*entry.meanings, *own), strict=True)))
 
 

@@ -68,10 +68,10 @@ def test_every_place_has_one_port(decks: int, panels: int) -> None:
     rows = ports(with_panels(*(panels,) * decks))
     assert [port.reference for port in rows] == list(range(len(rows)))
     assert len({port.name for port in rows}) == len(rows)
-    # 31 parameters, 2 x 3 limits, width and 5 values a panel; 6 inputs; 27 outputs; 3 streams;
+    # 31 parameters, 2 x 3 limits, width and 9 values a panel; 6 inputs; 27 outputs; 3 streams;
     # 17 of every deck; rate, mass, sizes and composition of what leaves over a lower deck
     assert len(rows) == (
-        31 + 6 + decks * (1 + 5 * panels) + 6 + 27 + 3 * 3 + 17 * decks + (decks - 1) * (4 + 3)
+        31 + 6 + decks * (1 + 9 * panels) + 6 + 27 + 3 * 3 + 17 * decks + (decks - 1) * (4 + 3)
     )
 
 
@@ -83,11 +83,11 @@ def test_decks_of_unlike_panels_leave_room_without_ports(counts: Sequence[int]) 
     assert references == sorted(set(references))
     layout = Screen(config).layout
     first = layout.section["parameters"].start
-    panel, size = layout.offset["panel"] - first, 5 * max(counts)
+    panel, size = layout.offset["panel"] - first, 9 * max(counts)
     unused = {
         panel + size * d + place
         for d, count in enumerate(counts)
-        for place in range(5 * count, size)
+        for place in range(9 * count, size)
     }
     assert set(references) == set(range(layout.section["outputs"].stop - first)) - unused
     assert {
@@ -239,6 +239,7 @@ def test_items_of_enumerations_are_in_the_order_of_the_engine(config: ScreenConf
         "segregation.model": BUILT_IN["segregation"],
         "displacement.model": BUILT_IN["displacement"],
         "bed.initial": ("empty", "steady"),
+        "deck[1].panel[1].opening": ("square", "slot", "round", "slot_across"),
     }
 
 
@@ -252,6 +253,8 @@ def test_every_parameter_can_be_changed_in_the_configuration(config: ScreenConfi
             continue
         assert port.start is not None
         value = port.start % 2 + 1.0 if port.enumeration else port.start * 1.01
+        if port.name.endswith(".opening"):
+            value = 3.0  # a slot has a length too
         after = {port.name: port.start for port in ports(configured(config, {port: value}))}
         assert after == before | {port.name: value}
 

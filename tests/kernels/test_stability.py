@@ -20,8 +20,9 @@ from vibroscreen.stream import MOST_FED
 from vibroscreen.units import DEG
 
 # What a tolerance may be missed by where one step or one kink decides (a single class, a deck of
-# 0.3 s): the estimates have margins that hold for solutions of many steps.
-MISSED = 5.0
+# 0.3 s): the estimates have margins that hold for solutions of many steps. Two classes that are sorted
+# in proportion miss by anything up to 7.4, as the moment falls at which the bed no longer covers the deck.
+MISSED = 8.0
 
 
 def check(one: Screen) -> None:

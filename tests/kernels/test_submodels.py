@@ -11,9 +11,10 @@ from numba import njit
 from tests.fixed import fixed_screen, fixed_segregation
 from vibroscreen import ConfigError, Feed, Screen, ScreenConfig, register, registry
 from vibroscreen.kernels.physics.packing import gap_open_area, gap_radius
-from vibroscreen.sections import Displacement, Passage, Segregation
+from vibroscreen.sections import Deck, Displacement, Panel, Passage, Segregation
 
-DEFAULT = fixed_screen()
+LEVEL = Deck(panels=(Panel(inclination=0.0),))  # a law of one's own need not project openings
+DEFAULT = fixed_screen().replace(decks=(LEVEL,))
 PRESCRIBED = Displacement("prescribed", 0.3)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.fixed import fixed_screen
 from vibroscreen import ConfigError, Feed, InputError, Motion, Screen, ScreenConfig
+from vibroscreen.kernels import state
 from vibroscreen.screen import slice_layout
 from vibroscreen.sections import Bed, Deck, Displacement, Panel, Passage, Segregation, Solver
 from vibroscreen.size_classes import SizeClasses
@@ -205,8 +206,9 @@ def test_every_place_is_that_of_its_name() -> None:
     layout = slice_layout(config)
     first = layout.section["parameters"].start
     found = places(config)
+    panel, place = len(state.PANEL), state.PANEL.index("aperture")
     assert found["material.bulk_density"] == layout.offset["parameter"] - first
-    assert found["deck[2].panel[2].aperture"] == layout.offset["panel"] + 17 - first
+    assert found["deck[2].panel[2].aperture"] == layout.offset["panel"] + 3 * panel + place - first
     assert len(set(found.values())) == len(found)
 
 

@@ -30,7 +30,7 @@ def screen(rate: float = 30.0, passage: float = U, percolation: float = W) -> Sc
     """A screen of six classes, sizes as given, fast to solve."""
     return ScreenConfig(
         SizeClasses((0.0, 0.002, 0.004, 0.006, 0.008, 0.010, 0.020), subdivision=1),
-        decks=(Deck(1.2, (Panel(3.0, 0.05, 0.010, 0.5),)),),
+        decks=(Deck(1.2, (Panel(3.0, 0.0, 0.010, 0.5),)),),
         displacement=Displacement("prescribed", 0.25),
         passage=Passage("gaudin", passage),
         segregation=Segregation("exchange", percolation, 0.002),

@@ -54,7 +54,7 @@ def isolated(velocity: float, rim: float) -> Isolated:
 
     def by_law(bouncing: float, start: float) -> Array:
         alone = SimpleNamespace(
-            aperture=APERTURE,
+            **dict.fromkeys(("aperture", "across", "along", "seen", "closed"), APERTURE),
             open_area=OPEN_AREA,
             density=1.0,
             bed_load=0.0,

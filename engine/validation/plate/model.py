@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from bed_velocity import OPENINGS_GRIP, PERFORATED, ROLLING
-from plate.simulations import APERTURE, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
+from plate.simulations import APERTURE, BAR, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
 from vibroscreen import Feed, Motion, ScreenConfig
 from vibroscreen.sections import (
     Bed,
@@ -34,7 +34,7 @@ def narrow(sizes_mm: tuple[float, ...]) -> SizeClasses:
 
 def plate(classes: SizeClasses, feed: Feed, motion: Motion, width: float = 0.066) -> ScreenConfig:
     """The plate of the simulations, horizontal."""
-    panel = Panel(DECK_LENGTH, 0.0, APERTURE, OPEN_AREA, velocity_factor=PERFORATED)
+    panel = Panel(DECK_LENGTH, 0.0, APERTURE, OPEN_AREA, velocity_factor=PERFORATED, thickness=BAR)
     return ScreenConfig(
         classes,
         decks=(Deck(width, (panel,)),),

@@ -7,7 +7,8 @@ import pandas as pd
 from evidence import DATA
 from vibroscreen.units import MM
 
-APERTURE, OPEN_AREA = 8.0 * MM, (8.0 / 11.0) ** 2
+APERTURE, BAR = 8.0 * MM, 3.0 * MM  # bars as thick as they are wide
+OPEN_AREA = (APERTURE / (APERTURE + BAR)) ** 2
 DENSITY = 2650.0  # kg/m3, of the spheres
 BULK_DENSITY = 0.58 * DENSITY
 COARSEST = 12.0 * MM

@@ -9,6 +9,7 @@ from math import inf, isfinite
 from vibroscreen.compiler.language import kernel, view2
 from vibroscreen.kernels import state
 from vibroscreen.kernels.bed.travel import deck_length, panel_count
+from vibroscreen.kernels.physics import opening
 from vibroscreen.kernels.physics.passage import BOUNCE
 from vibroscreen.kernels.physics.segregation import CLASSIFIED, EXCHANGE
 
@@ -23,6 +24,7 @@ DISPLACEMENT_MODEL = state.PARAMETER.index("displacement_model")
 CONTACT_DEPTH = state.PARAMETER.index("bed_contact_depth")
 LEAST_DEPTH = 1e-9  # m, of a layer
 LENGTH, APERTURE = state.PANEL.index("length"), state.PANEL.index("aperture")
+SLOT_LENGTH = state.PANEL.index("slot_length")
 
 
 @kernel
@@ -131,8 +133,20 @@ def layer_depth(buffer, panel):
 
 
 @kernel
+def check_opening(buffer, panel, place):
+    """Check that slots are long and others have no length; place: of the aperture in the buffer."""
+    length, beside = panel.slot_length, place + SLOT_LENGTH - APERTURE
+    if panel.opening == opening.SLOT or panel.opening == opening.SLOT_ACROSS:
+        if length < panel.aperture:
+            return refuse(buffer, state.REFUSED.short_slot, beside, length, panel.aperture)
+    elif length > 0.0:
+        return refuse(buffer, state.REFUSED.no_slot, beside, length, 0.0)
+    return state.ACCEPTED
+
+
+@kernel
 def check_decks(buffer):
-    """Check that decks are equally long, longer than their apertures, and never coarser below."""
+    """Check that decks are equally long, and what they are made of; never coarser below."""
     first, above = deck_length(buffer, 0), inf
     for deck in range(state.extent(buffer).decks):
         length = deck_length(buffer, deck)
@@ -142,6 +156,9 @@ def check_decks(buffer):
             place = state.panel_place(buffer, deck, number) + APERTURE
             if panel.aperture > length:
                 return refuse(buffer, state.REFUSED.short_deck, place, panel.aperture, length)
+            code = check_opening(buffer, panel, place)
+            if code != state.ACCEPTED:
+                return code
             if panel.aperture > above and panel.open_area > 0.0:
                 return refuse(buffer, state.REFUSED.coarser_below, place, panel.aperture, above)
             if min(contact_depth(buffer, panel), layer_depth(buffer, panel)) < LEAST_DEPTH:

@@ -15,6 +15,7 @@ from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics.bed_of_grains import BED_CONSTANTS, BED_THROW, bed_friction
 from vibroscreen.kernels.physics.layer import NOTHING
 from vibroscreen.kernels.physics.motion import GRAVITY
+from vibroscreen.kernels.physics.opening import bar_of
 
 # A bed is deep at the discharge above so many apertures, at bulk densities [kg/m3] up to LIGHT and
 # from HEAVY on, linear between (VSMA).
@@ -113,7 +114,7 @@ def write_cut(buffer, deck):
     under, over = falls.undersize(buffer, deck), falls.oversize(buffer, deck)
     closed = 0.0
     for number in range(travel.panel_count(buffer, deck)):
-        closed = max(closed, state.panel(buffer, deck, number).aperture)
+        closed = max(closed, state.scene(buffer, deck, number).closed)
     quarter = partition_size(size, under, over, 0.25, closed)
     half = partition_size(size, under, over, 0.5, closed)
     three = partition_size(size, under, over, 0.75, closed)
@@ -270,6 +271,10 @@ def watch_bed(buffer, deck):
     for number in range(panels):
         scene = state.scene(buffer, deck, number)
         watch_transport(buffer, deck, scene.transport_status, scene.inclination, scene.throw_number)
+        panel = state.panel(buffer, deck, number)
+        if scene.seen <= 0.0 and panel.open_area > 0.0:
+            reason, bar = REASONS.hidden_opening, bar_of(panel)
+            alarm(buffer, ALARMS.plausibility, reason, deck, panel.aperture, bar, 0.0)
         fast = scene.transport_velocity
         if fast > FASTEST:
             reason = REASONS.implausible_velocity

@@ -69,7 +69,7 @@ def plan(buffer, aperture, velocity):
     extent.cells = cells_for(state.parameters(buffer).solver_tolerance, LEAST_CELLS)
     for deck in range(extent.decks):
         # The lengths lie apart from each other: in a row for a moment.
-        length = state.vector(buffer, state.AT.apertures, panel_count(buffer, deck), 0)
+        length = state.vector(buffer, state.AT.kinks, panel_count(buffer, deck), 0)
         for k in range(length.size):
             length[k] = state.panel(buffer, deck, k).length
         share_cells(length, extent.cells, state.panel_cells(buffer, deck))

@@ -6,7 +6,7 @@ from vibroscreen.compiler.language import kernel, numbers
 from vibroscreen.kernels import checks, state
 from vibroscreen.kernels.bed.travel import panel_count, riding_time_over
 from vibroscreen.kernels.numerics import vectors
-from vibroscreen.kernels.physics import closure, motion
+from vibroscreen.kernels.physics import closure, motion, opening
 from vibroscreen.kernels.physics.bed_of_grains import bed_of_grains
 from vibroscreen.kernels.physics.prescribed import prescribed
 from vibroscreen.kernels.physics.rigid_body import rigid_body, set_motion
@@ -184,6 +184,8 @@ def set_scene(buffer, deck, number, scene):
     scene.mixing = alive * parameter.segregation_mixing
     close_scene(buffer, deck, number, scene)
     scene.aperture, scene.open_area = panel.aperture, panel.open_area
+    scene.across, scene.along = opening.sides_of(panel)
+    scene.seen, scene.closed = opening.seen_along(panel), opening.closing_size(panel, parameter)
     scene.frequency, scene.amplitude = inputs.motion_frequency, inputs.motion_amplitude
     steeper = panel.inclination - state.panel(buffer, 0, 0).inclination
     scene.throw_angle = inputs.motion_throw_angle + steeper

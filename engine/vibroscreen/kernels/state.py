@@ -38,7 +38,7 @@ ALARM_COUNT, FIRST_ALARM = len(ALARMS), OUTPUT.index(ALARM_FIGURES[0].scalar)
 REASONS = Places(
     1,
     "deep_bed full_layers not_conveyed beyond_bed high_throw unchecked_motion nothing_fed",
-    "no_crossing implausible_depth implausible_velocity implausible_motion",
+    "no_crossing implausible_depth implausible_velocity implausible_motion hidden_opening",
 )
 # deck: counted from 1, 0 for the box.
 ALARM = Record("reason deck value limit other")
@@ -51,7 +51,7 @@ _NAMES = {v.scalar if _FIELDS.count(v.field) > 1 else v.field: v for v in _LAWS}
 # What a panel offers to the sub-models. Up to FIXED_SCENE it holds while a column is integrated;
 # the rest is the state of the column at hand.
 SCENE = Record(
-    "density contact_load layer_load aperture open_area",
+    "density contact_load layer_load aperture open_area across along seen closed",
     *(name for name, v in _NAMES.items() if v.section == "segregation"),
     *(name for name, v in _NAMES.items() if v.section == "passage"),
     "throw_height frequency amplitude throw_angle ellipticity inclination throw_number",
@@ -116,7 +116,7 @@ REFUSED = Places(
     1,
     "not_finite too_small too_large bad_sum two_limits not_ascending no_choice no_layer",
     "short_deck unequal_decks coarser_below off_table too_steep no_velocity no_conveying no_feed",
-    "no_bed_velocity still_panel body_stays",
+    "no_bed_velocity still_panel body_stays short_slot no_slot",
 )
 REFUSAL = Record("code index value limit")
 
@@ -239,7 +239,8 @@ _SECTIONS: dict[str, dict[str, tuple[Symbol, ...]]] = {
         "design_harmonic": ("designs", MAX_HARMONICS * 5),
         "design_result": ("designs", "result"),
         "strength": (2,),
-        "apertures": ("all_panels",),
+        # sizes at which classes are broken: apertures, and sizes from which on nothing passes
+        "kinks": (2, "all_panels"),
         "scratch percolation": ("layers", "sizes"),
         "node_work": (4, "sizes"),
         "spare": (4, "nodes"),

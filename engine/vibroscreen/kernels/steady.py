@@ -11,6 +11,7 @@ from vibroscreen.kernels import changes, checks, outputs, scene, state, step
 from vibroscreen.kernels.bed import classes, falls, front, travel
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.numerics.layers import bed_load
+from vibroscreen.kernels.physics import opening
 
 FEED_RATE = state.INPUT.index("feed_mass_flow_rate")
 
@@ -25,12 +26,26 @@ def start_slice(buffer, deck):
 
 
 @kernel
+def sort_in(ascending, count, value):
+    """Put a value among the first `count` of a row, unless it is there; returns how many then."""
+    place = count
+    while place > 0 and ascending[place - 1] > value:
+        place -= 1
+    if place > 0 and ascending[place - 1] == value:
+        return count
+    for k in range(count, place, -1):
+        ascending[k] = ascending[k - 1]
+    ascending[place] = value
+    return count + 1
+
+
+@kernel
 def place_nodes(buffer):
     """Write the nodes of the screen in the buffer, and how many there are."""
     extent, parameter = state.extent(buffer), state.parameters(buffer)
     strength = state.strength(buffer)
     panels = extent.decks * extent.panels
-    apertures = state.vector(buffer, state.AT.apertures, panels, 0)
+    kinks = state.vector(buffer, state.AT.kinks, 2 * panels, 0)
     count = 0
     area, reach = 0.0, 0.0
     for deck in range(extent.decks):
@@ -38,24 +53,21 @@ def place_nodes(buffer):
         for number in range(travel.panel_count(buffer, deck)):
             panel = state.panel(buffer, deck, number)
             open_length += panel.length * panel.open_area
-            # Sorted in.
-            place = count
-            while place > 0 and apertures[place - 1] > panel.aperture:
-                apertures[place] = apertures[place - 1]
-                place -= 1
-            apertures[place] = panel.aperture
-            count += 1
+            count = sort_in(kinks, count, panel.aperture)
+            closing = opening.closing_size(panel, parameter)
+            if closing > 0.0:
+                count = sort_in(kinks, count, closing)
         reach = max(reach, open_length)
         area = max(area, open_length * state.width(buffer)[deck])
     feed = state.inputs(buffer).feed_mass_flow_rate
     exposure = area / feed if feed > 0.0 else 0.0
-    classes.set_strength(parameter, apertures[:count], exposure, reach, strength)
-    room = classes.most_nodes(extent.classes, panels, parameter.size_classes_subdivision)
+    classes.set_strength(parameter, kinks[:count], exposure, reach, strength)
+    room = classes.most_nodes(extent.classes, 2 * panels, parameter.size_classes_subdivision)
     edge, size = state.edge(buffer), state.vector(buffer, state.AT.size, room, 0)
     of_class = state.vector(buffer, state.AT.node_class, room, 0)
     position = state.vector(buffer, state.AT.node_position, room, 0)
     weight = state.vector(buffer, state.AT.node_weight, room, 0)
-    said, used = numbers(parameter), apertures[:count]
+    said, used = numbers(parameter), kinks[:count]
     extent.nodes = classes.build_nodes(edge, used, said, strength, size, of_class, position, weight)
 
 

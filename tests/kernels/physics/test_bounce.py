@@ -49,6 +49,8 @@ def passing(sizes: list[float], fractions: list[float] | None = None, **scene: f
         "throw_height": THROW,
         "transport_velocity": 0.2,
     }
+    side = scene.get("aperture", APERTURE)  # of a level deck
+    usual |= dict.fromkeys(("across", "along", "seen", "closed"), side)
     found = np.full(len(sizes), math.nan)
     share = np.array(fractions or [1.0 / len(sizes)] * len(sizes))
     bounce(np.array(sizes), share, SimpleNamespace(**{**usual, **BARE, **scene}), found)

@@ -101,7 +101,8 @@ def test_law_is_chosen_by_number(law: int, second: float) -> None:
     # dust and d = a/2, half each, phi = .6: Gaudin .6 and .15; Pelevin adds .5 x .6 x .15 for the
     # second beside dust (itself: no room)
     scene = Row(np.zeros(len(state.SCENE)), 0, state.SCENE)
-    scene.aperture, scene.open_area = 0.016, 0.6
+    scene.across = scene.along = scene.seen = 0.016
+    scene.open_area = 0.6
     out = np.zeros(2)
     passage_probability(law, 0, np.array([0.0, 0.008]), np.array([0.5, 0.5]), scene, out)
     assert out[1] == pytest.approx(second, rel=1e-14)

@@ -24,7 +24,7 @@ def first_coarse(buffer, scene, load, layers):
     on = state.switches(buffer).coarse_sizes > 0.0 and state.work(buffer).source_terms == 0
     if not (known and on):
         return nodes
-    closed = scene.aperture
+    closed = scene.closed
     if state.extent(buffer).layered > 0.0:
         gap = packing.gap_of(size[nodes - 1], scene.dilation, scene.relative_dilation)
         closed = max(closed, gap)
@@ -77,7 +77,7 @@ def gather(buffer, scene, load, reference, layers):
     vectors.add_rows(held, 1.0, load, layers)
     count = 0
     for i in range(coarse):
-        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.aperture:
+        if passing and 0.0 < held[i] < least * reference[i] and size[i] < scene.closed:
             flux[i] += held[i]
             held[i] = 0.0
             for j in range(layers):

@@ -13,13 +13,15 @@ def bounce(size, fraction, scene, probability):
     P_i = phi g_i l_i/(E (1 + B)), H = depth of the bed, h_t = height to which the deck throws,
     H_b = H/sqrt(1 + (levelling H/a)^2), what the deck shakes of it,
     E^2 = (H_b + h_t (1 + bouncing (1 - cover)^2))/(4 a + h_t): how far the bed comes down,
-    g_i = 1 - (1 - rim) d_i/a for d_i < a, else 0: the free part of a side of the opening,
-    l_i = max(0, g_i - drift v/sqrt(g a) sqrt(d_i/a)): what the way of a sinking grain leaves of it,
+    g_i = 1 - (1 - rim) d_i/across for d_i < a, else 0: the free part of the side across the flow,
+    l_i = max(0, along - (1 - rim) d_i - max(along - seen, drift v sqrt(d_i/g)))/along: the same of
+    the side along the flow, less the way along it of a sinking grain, that falls or is carried on,
     B = crowding cover sum of F_i g_i l_i (a/max(d_i, a/2))^3: grains that try the same opening.
     """
     aperture = scene.aperture
-    beyond = (1.0 - scene.rim) / aperture
-    carried = scene.drift * scene.transport_velocity / (sqrt(motion.GRAVITY) * aperture)
+    hidden = 1.0 - scene.seen / scene.along
+    beyond, ahead = (1.0 - scene.rim) / scene.across, (1.0 - scene.rim) / scene.along
+    carried = scene.drift * scene.transport_velocity / (sqrt(motion.GRAVITY) * scene.along)
     depth = scene.bed_load / scene.density
     level = scene.levelling * depth / aperture
     bare = 1.0 - scene.cover
@@ -28,11 +30,10 @@ def bounce(size, fraction, scene, probability):
     usual = closure.USUAL_DEPTH * aperture + scene.throw_height
     held = sqrt(down / usual)
     crowd = 0.0
-    passing = gaudin.stop_coarse(size, aperture, probability)
+    passing = gaudin.stop_coarse(size, scene.closed, probability)
     for i in range(passing):
         d = size[i]
-        guided = 1.0 - beyond * d
-        free = guided * max(0.0, guided - carried * sqrt(d))
+        free = (1.0 - beyond * d) * max(0.0, 1.0 - ahead * d - max(hidden, carried * sqrt(d)))
         room = aperture / max(d, 0.5 * aperture)
         crowd += free * fraction[i] * (room * room * room)
         probability[i] = free

@@ -4,10 +4,10 @@ from vibroscreen.compiler.language import kernel
 
 
 @kernel
-def stop_coarse(size, aperture, probability):
-    """Let no size pass that is not below the aperture; returns the number of sizes that are."""
+def stop_coarse(size, closed, probability):
+    """Let no size from `closed` [m] on pass; returns the number of sizes that are finer."""
     passing = size.size
-    while passing > 0 and size[passing - 1] >= aperture:
+    while passing > 0 and size[passing - 1] >= closed:
         passing -= 1
         probability[passing] = 0.0
     return passing
@@ -15,10 +15,12 @@ def stop_coarse(size, aperture, probability):
 
 @kernel
 def gaudin(size, fraction, scene, probability):
-    """Gaudin: P = phi (1 - d/a)^2 for d < a, else 0 (paper, eq. 5)."""
-    aperture = scene.aperture
+    """Gaudin: P = phi (1 - d/a) (s - d)/b for d < a, d < s, else 0 (paper, eq. 5: a = b = s).
+
+    a, b: sides of the opening across and along the flow; s: what a falling grain sees of b.
+    """
+    across, seen = scene.across, scene.seen
     open_area = scene.open_area
-    scale = open_area / (aperture * aperture)
+    scale = open_area / (across * scene.along)
     for i in range(size.size):
-        free = max(0.0, aperture - size[i])
-        probability[i] = scale * free * free
+        probability[i] = scale * max(0.0, across - size[i]) * max(0.0, seen - size[i])
