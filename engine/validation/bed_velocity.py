@@ -114,10 +114,14 @@ def decks_left_out(names: tuple[str, ...], friction: float = OPENINGS_GRIP) -> A
     kept = cases[~left]
 
     def misses(numbers: Array) -> Array:
-        return deck_velocities(kept, *numbers, friction) / kept.v.to_numpy() - 1.0
+        rolling, carried = numbers
+        found = deck_velocities(kept, rolling, carried, friction)
+        return np.asarray(found / kept.v.to_numpy() - 1.0)
 
     found = least_squares(misses, (0.6, 0.9), bounds=((0.0, 0.3), (0.95, 1.5)), diff_step=0.01)
-    return deck_velocities(cases[left], *found.x, friction) / cases.v[left].to_numpy() - 1.0
+    rolling, carried = found.x
+    left_out = deck_velocities(cases[left], rolling, carried, friction)
+    return np.asarray(left_out / cases.v[left].to_numpy() - 1.0)
 
 
 def compare() -> tuple[pd.DataFrame, tuple[float, ...]]:

@@ -168,6 +168,8 @@ class BoxFigures(Generic[Value]):
         "m",
         "Half the distance between the sizes of which 75 % and 25 % leave over the top deck",
     )
+    feed_p80: Value = figure("feed.p80", "m", "Size that 80 % of what is fed is finer than")
+    feed_p50: Value = figure("feed.p50", "m", "Size that half of what is fed is finer than")
     undersize_p80: Value = figure(
         "undersize.p80", "m", "Size that 80 % of what falls through the lowest deck is finer than"
     )

@@ -68,10 +68,10 @@ def test_every_place_has_one_port(decks: int, panels: int) -> None:
     rows = ports(with_panels(*(panels,) * decks))
     assert [port.reference for port in rows] == list(range(len(rows)))
     assert len({port.name for port in rows}) == len(rows)
-    # 31 parameters, 2 x 3 limits, width and 9 values a panel; 6 inputs; 27 outputs; 3 streams;
+    # 31 parameters, 2 x 3 limits, width and 9 values a panel; 6 inputs; 29 outputs; 3 streams;
     # 17 of every deck; rate, mass, sizes and composition of what leaves over a lower deck
     assert len(rows) == (
-        31 + 6 + decks * (1 + 9 * panels) + 6 + 27 + 3 * 3 + 17 * decks + (decks - 1) * (4 + 3)
+        31 + 6 + decks * (1 + 9 * panels) + 6 + 29 + 3 * 3 + 17 * decks + (decks - 1) * (4 + 3)
     )
 
 

@@ -140,7 +140,7 @@ def test_products_have_the_numbers_of_their_streams(page: str, double: SteadyRes
         assert found[f"below {text_of(edge, 'mm')} mm"] == [[s.passing[k] for s in streams]]
     assert same(
         found["P80"][0],
-        [math.nan, double.undersize_p80, *double.intermediate_p80, double.oversize_p80],
+        [double.feed_p80, double.undersize_p80, *double.intermediate_p80, double.oversize_p80],
     )
 
 

@@ -127,8 +127,11 @@ def test_sizes_of_products_by_hand() -> None:
     classes = dataclasses.replace(config.size_classes, subdivision=1)
     steady = Screen(config.replace(size_classes=classes)).solve_steady()
     edges = np.array(classes.edges)
-    for name in ("undersize", "oversize"):
-        for share, key in ((0.8, "p80"), (0.5, "p50")):
+    for share, key in ((0.8, "p80"), (0.5, "p50")):
+        fed = np.concatenate([[0.0], np.cumsum(steady.feed.mass_fraction)])
+        wanted = np.interp(share, fed, edges)
+        assert getattr(steady, f"feed_{key}") == pytest.approx(wanted, rel=1e-9)
+        for name in ("undersize", "oversize"):
             wanted = np.interp(share, getattr(steady, name).passing, edges)
             assert getattr(steady, f"{name}_{key}") == pytest.approx(wanted, rel=1e-9)
     wanted = np.interp(0.8, steady.intermediate[0].passing, edges)

@@ -85,9 +85,7 @@ class Product(NamedTuple):
 
 def streams_of(steady: SteadyResult) -> dict[str, Product]:
     """Feed and products by name, from the top of the box down."""
-    feed, edges = steady.feed, steady.config.size_classes.edges
-    finer = np.concatenate([[0.0], np.cumsum(feed.mass_fraction)])
-    sizes = [float(np.interp(part, finer, edges)) for part in (0.8, 0.5)]
+    feed, sizes = steady.feed, [steady.feed_p80, steady.feed_p50]
     found = {"feed": Product(feed.mass_flow_rate, np.array(feed.mass_fraction), *sizes)}
     over = [(steady.oversize, steady.oversize_p80, steady.oversize_p50)]
     over += zip(steady.intermediate, steady.intermediate_p80, steady.intermediate_p50, strict=True)

@@ -184,7 +184,7 @@ function read(buffer) {
     return stream(rate, buffer.view("intermediate_fraction", CLASSES, k), p80, p50);
   });
   const products = [
-    stream(fed, buffer.view("fraction", CLASSES), NaN, NaN),
+    stream(fed, buffer.view("fraction", CLASSES), output.feed_p80, output.feed_p50),
     stream(output.undersize_rate, buffer.view("undersize_fraction", CLASSES),
       output.undersize_p80, output.undersize_p50),
     ...between.reverse(),

@@ -151,7 +151,7 @@ def finer_size(buffer, mass, share, before):
 
 @kernel
 def write_sizes(buffer):
-    """Sizes of the cuts of all decks and of the products of the step."""
+    """Sizes of the cuts of all decks, of the feed and of the products of the step."""
     output, decks = state.outputs(buffer), state.extent(buffer).decks
     output.alarm_performance = 0.0
     state.alarm(buffer, ALARMS.performance).reason = 0.0
@@ -164,6 +164,10 @@ def write_sizes(buffer):
             alarm(buffer, ALARMS.performance, REASONS.no_crossing, deck, result.cut_size, 0.0, 0.0)
     top, lowest = state.deck_result(buffer, 0), falls.undersize(buffer, decks - 1)
     output.cut_size, output.ecart_probable = top.cut_size, top.ecart_probable
+    if top.feed_rate > 0.0:
+        fed = state.feed_fraction(buffer)
+        output.feed_p80 = finer_size(buffer, fed, 0.8, output.feed_p80)
+        output.feed_p50 = finer_size(buffer, fed, 0.5, output.feed_p50)
     output.undersize_p80 = finer_size(buffer, lowest, 0.8, output.undersize_p80)
     output.undersize_p50 = finer_size(buffer, lowest, 0.5, output.undersize_p50)
     output.oversize_p80 = finer_size(buffer, falls.oversize(buffer, 0), 0.8, output.oversize_p80)

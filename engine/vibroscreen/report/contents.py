@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -215,11 +214,11 @@ class Sheet:
 
     @property
     def sizes(self) -> dict[str, tuple[float, ...]]:
-        """P80 and P50 of the feed, which has none, and of the products in their order [m]."""
+        """P80 and P50 of the feed and of the products in their order [m]."""
         steady = self.steady
         fine = (steady.undersize_p80, *steady.intermediate_p80, steady.oversize_p80)
         half = (steady.undersize_p50, *steady.intermediate_p50, steady.oversize_p50)
-        return {"P80": (math.nan, *fine), "P50": (math.nan, *half)}
+        return {"P80": (steady.feed_p80, *fine), "P50": (steady.feed_p50, *half)}
 
     # --- pictures ----------------------------------------------------------------------------
     def _drawn(self, draw: Callable[..., None], name: str, says: str, *more: Any) -> Picture:
