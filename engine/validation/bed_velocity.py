@@ -111,17 +111,16 @@ def decks_left_out(names: tuple[str, ...], friction: float = OPENINGS_GRIP) -> A
     """Errors of some decks with rolling and the part that is carried fitted to the others [1]."""
     cases = deck_cases()
     left = cases.index.isin(names)
-    kept = cases[~left]
 
-    def misses(numbers: Array) -> Array:
-        rolling, carried = numbers
-        found = deck_velocities(kept, rolling, carried, friction)
-        return np.asarray(found / kept.v.to_numpy() - 1.0)
+    def misses(numbers: Array, of: NDArray[np.bool_]) -> Array:
+        some = cases[of]
+        found = deck_velocities(some, float(numbers[0]), float(numbers[1]), friction)
+        return np.asarray(found / some.v.to_numpy() - 1.0)
 
-    found = least_squares(misses, (0.6, 0.9), bounds=((0.0, 0.3), (0.95, 1.5)), diff_step=0.01)
-    rolling, carried = found.x
-    left_out = deck_velocities(cases[left], rolling, carried, friction)
-    return np.asarray(left_out / cases.v[left].to_numpy() - 1.0)
+    fit = least_squares(
+        misses, (0.6, 0.9), bounds=((0.0, 0.3), (0.95, 1.5)), diff_step=0.01, args=(~left,)
+    )
+    return misses(fit.x, left)
 
 
 def compare() -> tuple[pd.DataFrame, tuple[float, ...]]:
