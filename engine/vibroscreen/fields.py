@@ -15,6 +15,7 @@ import dataclasses
 import difflib
 import math
 import reprlib
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -486,6 +487,12 @@ def _unknown(kind: Any, tree: Mapping[str, Any], prefix: str) -> Iterator[str]:
     below = [(prefix + path, entry) for path, entry in leaves(kind)]
     for key, raw in tree.items():
         if key in legal:
+            continue
+        if key in getattr(kind, "GONE", ()) and tree.get("law") != "bounce":
+            text = (
+                f"{prefix}{key} is a constant of an earlier law bounce, not used here: leave it out"
+            )
+            warnings.warn(text, stacklevel=2)
             continue
         name = f"{prefix}{key} = {reprlib.repr(raw)} is unknown"
         everywhere = [*below, *leaves(of_file() or kind)]

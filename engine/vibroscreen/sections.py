@@ -10,7 +10,7 @@ import csv
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -402,6 +402,9 @@ class Passage:
     bed carries a sinking grain on, at sqrt(g aperture); levelling, aperture over the most that the
     deck shakes of a bed; bouncing, how much higher than the deck throws a lone grain bounces.
     """
+
+    # Keys of version 0.4.0 that files with another law may still have: they are told of.
+    GONE: ClassVar = ("passing_time", "damping", "lift", "stirring", "calming", "depletion")
 
     law: str = said(
         "pelevin",

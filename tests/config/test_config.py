@@ -919,3 +919,15 @@ def test_any_value_is_taken_or_refused_in_words(place: Place, value: Any) -> Non
         assert words.partition(":")[2].strip()
     else:
         assert ScreenConfig.loads(config.to_toml()) == config
+
+
+def test_files_of_version_0_4_0_load_unless_they_use_what_is_gone() -> None:
+    """Constants of the law bounce of then stand in files with every law: they are told of."""
+    text = "[size_classes]\nedges_mm = [0, 8, 16, 40]\n[passage]\ndamping = 1.0\nlaw = "
+    with pytest.warns(
+        UserWarning, match=r"passage\.damping is a constant of an earlier law bounce"
+    ):
+        config = ScreenConfig.loads(text + '"pelevin"')
+    assert config.passage.law == "pelevin"
+    with pytest.raises(ConfigError, match=r"passage\.damping"):
+        ScreenConfig.loads(text + '"bounce"')
