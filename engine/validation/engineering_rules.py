@@ -151,7 +151,7 @@ numbers, which were fitted to both rules over many apertures, loads and feeds ("
 not to this table. "fitted": three numbers fitted to Karra's recoveries by class at 200 to 600 t/h,
 RMSE {fit.rmse:.4f}, each feed rate left out {fit.held_out_rmse:.4f}: {values}.
 
-- **Agree**: the default engine is within 0.04 of both rules up to 600 t/h (at 300 t/h
+- **Agree**: the default engine is within 0.045 of both rules up to 600 t/h (at 300 t/h
   {at_300["recovery default"]:.3f}, Karra {at_300["recovery Karra"]:.3f}, VSMA 0.95), and between
   them above. From 400 t/h on its cut size is within 0.9 mm of Karra's.
 - **Sharper than Karra**: his partition curve has one shape for all loads, with an ecart probable of

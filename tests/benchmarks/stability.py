@@ -145,7 +145,7 @@ def screen(
         displacement=Displacement("prescribed", velocity),
         passage=Passage(law, velocity=u),
         segregation=Segregation(model, w, dilation, mixing=mixing),
-        bed=bed or Bed(),
+        bed=bed or Bed(contact_depth=20.0 * MM, layers=16),
         solver=Solver(tolerance),
         feed=Feed(feed, tuple(fraction) or even(len(edges) - 1)),
     )

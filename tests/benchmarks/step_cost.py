@@ -48,6 +48,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from build_fmu import build
 from tests.benchmarks.output import write_json
 from tests.benchmarks.work_precision import quarry_screen, refined
+from tests.fixed import fixed_screen
 from tests.fmu import native
 from vibroscreen import Feed, Screen, ScreenConfig
 from vibroscreen.config import QUARRY_EDGES, typical_fractions
@@ -364,7 +365,8 @@ def deep_deck(layers: int, depth: float, layer: float) -> ScreenConfig:
         SizeClasses(edges, subdivision=3),
         decks=(Deck(width, (Panel(3.0, 0.0, 16 * MM, 0.5),)),),
         displacement=Displacement("prescribed", velocity),
-        segregation=Segregation("exchange", velocity=0.05),
+        passage=Passage(velocity=0.1),
+        segregation=Segregation("exchange", velocity=0.05, dilation=1.0 * MM),
         bed=Bed(contact_depth=layer, layer_depth=layer, layers=max(2, layers + 1)),
         feed=Feed(rate, typical_fractions(edges)),
     )
@@ -429,7 +431,7 @@ class Skip:
 
 def skips() -> list[Skip]:
     """One scene for every switch."""
-    default = ScreenConfig.default()
+    default = fixed_screen()
     finer = (*QUARRY_EDGES[:8], *(d * MM for d in (19, 22.4, 26.5, 31.5, 37.5, 45, 53, 63, 75)))
     deck = Deck(2.4, (Panel(aperture=8 * MM, open_area=0.4),))
     scalped = tuple(0.0 if u <= 5.6 * MM else 1.0 for u in default.size_classes.upper)

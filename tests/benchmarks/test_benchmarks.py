@@ -21,20 +21,21 @@ from tests.benchmarks.baseline import (
     problem_of,
     uniform_slices,
 )
+from tests.fixed import fixed_screen, fixed_segregation
 from tests.kernels.numerics import exact
 from vibroscreen import Feed, Screen, ScreenConfig, register
 from vibroscreen.kernels import library, state
-from vibroscreen.sections import Segregation, Solver
+from vibroscreen.sections import Solver
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()
 
 
 def screen_of(model: str, subdivision: int = 0) -> Screen:
-    classes = dataclasses.replace(DEFAULT.size_classes, subdivision=subdivision)
-    return Screen(
-        DEFAULT.replace(size_classes=classes, segregation=Segregation(model), solver=Solver(1e-9))
-    )
+    fixed = fixed_screen()
+    classes = dataclasses.replace(fixed.size_classes, subdivision=subdivision)
+    segregation = fixed_segregation(model)
+    return Screen(fixed.replace(size_classes=classes, segregation=segregation, solver=Solver(1e-9)))
 
 
 def slope(settings: list[int], errors: list[float]) -> float:

@@ -102,10 +102,10 @@ def test_more_feed_recovers_less(frame: pd.DataFrame) -> None:
 
 
 def test_what_the_section_claims(frame: pd.DataFrame) -> None:
-    """Within 0.04 of both rules up to 600 t/h, between them above; never a cut above the mesh."""
+    """Within 0.045 of both rules up to 600 t/h, between them above; never a cut above the mesh."""
     usual, beyond = frame.loc[:600.0], frame.loc[400.0:]
     for name in ("Karra", "VSMA"):
-        assert_allclose(usual["recovery default"], usual[f"recovery {name}"], atol=0.04)
+        assert_allclose(usual["recovery default"], usual[f"recovery {name}"], atol=0.045)
     assert_allclose(beyond["cut size default"], beyond["cut size Karra"], atol=0.9)
     assert_allclose(usual["recovery fitted"], usual["recovery Karra"], atol=0.04)
     assert (frame[["cut size default", "cut size fitted"]] < 16.0).all(axis=None)

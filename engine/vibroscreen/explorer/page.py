@@ -11,7 +11,7 @@ import base64
 import gzip
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +241,14 @@ def _keys_of(number: Variable) -> list[str | int]:
     return found
 
 
+def _value(tree: Mapping[str, Any], where: Sequence[str | int]) -> Any:
+    """What stands there in the tree of a TOML file; None where a key is left out."""
+    value: Any = tree
+    for step in where:
+        value = value.get(step) if isinstance(value, Mapping) else value[step]
+    return value
+
+
 def _is_control(config: ScreenConfig, tree: Mapping[str, Any], number: Variable) -> bool:
     """Whether people may change a number on the page: the duty, the vibration, the panels."""
     if not isinstance(number.entry, Number) or number.whole:
@@ -250,7 +258,9 @@ def _is_control(config: ScreenConfig, tree: Mapping[str, Any], number: Variable)
     if number.name == "displacement.velocity":
         return config.displacement.model == "prescribed"
     if number.path[0] == "decks":
-        return "panels" in number.path and number.field not in STILL
+        if "panels" not in number.path or number.field in STILL:
+            return False
+        return _value(tree, _keys_of(number)) is not None
     return number.name == "feed.mass_flow_rate"
 
 
@@ -261,9 +271,7 @@ def _control(
     entry = number.entry
     assert isinstance(entry, Number)
     where = _keys_of(number)
-    value: Any = tree
-    for step in where:
-        value = value[step]
+    value = _value(tree, where)
     low, high, step_of = _reach(entry, float(value))
     words = keys.split(entry.key)[0] if entry.written.text != "1" else entry.key
     return {
