@@ -260,7 +260,9 @@ def _is_control(config: ScreenConfig, tree: Mapping[str, Any], number: Variable)
     if number.path[0] == "decks":
         if "panels" not in number.path or number.field in STILL:
             return False
-        return _value(tree, _keys_of(number)) is not None
+        # A key that is left out is worked out; a length of slots is 0 where there are none.
+        value = _value(tree, _keys_of(number))
+        return value is not None and (value > 0.0 or number.field != "slot_length")
     return number.name == "feed.mass_flow_rate"
 
 
