@@ -447,7 +447,7 @@ def test_time_brings_the_running_screen_to_the_steady_one(quarry: ChromiumPage) 
 def test_pictures_out_of_view_follow_once_it_rests(browser: Any, pages: dict[str, Path]) -> None:
     """On a telephone: what is seen is drawn at every move, the rest a moment later."""
     page = ChromiumPage(browser, pages["quarry"], NARROW)
-    page.wait("!inView.has('bed') && inView.has('partition')")
+    page.wait("models['bed: deck 1'] && !inView.has('bed') && inView.has('partition')")
     lines = "[...models['partition: deck 1'].data.y], [...models['bed: deck 1'].data.y]"
     shown = "curves(shown).partition[0][1], curves(shown).bed[0][1]"
     rate = control_of(page, "rate")
