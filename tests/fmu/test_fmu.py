@@ -112,7 +112,7 @@ REAL_OUTPUTS = {
     "performance.cut_size": ("m", "mm"),
     "performance.ecart_probable": ("m", "mm"),
     "motion.acceleration_number": ("1", None),
-    **{f"{name}.p{share}": ("m", "mm") for name in PRODUCTS for share in (80, 50)},
+    **{f"{name}.p{share}": ("m", "mm") for name in ("feed", *PRODUCTS) for share in (80, 50)},
     "drive.power": ("W", "kW"),
     "drive.exciter_force": ("N", "kN"),
     "balance.error": ("kg", "t"),
@@ -147,6 +147,9 @@ FIXED = {
     "deck[1].width": ("m", None),
     "deck[1].panel[1].length": ("m", None),
     "deck[1].panel[1].aperture": ("m", "mm"),
+    "deck[1].panel[1].slot_length": ("m", "mm"),
+    "deck[1].panel[1].thickness": ("m", "mm"),
+    "deck[1].panel[1].relative_thickness": ("1", None),
     "material.bulk_density": ("kg/m3", "t/m3"),
     "bed.contact_depth": ("m", "mm"),
     "bed.layer_depth": ("m", "mm"),
@@ -159,6 +162,7 @@ FIXED = {
     "solver.tolerance": ("1", None),
 }
 CHOICES = {
+    "deck[1].panel[1].opening": ["square", "slot", "round", "slot_across"],
     "passage.law": ["gaudin", "pelevin", "bounce"],
     "segregation.model": ["well_mixed", "proportional", "exchange", "classified"],
     "displacement.model": ["prescribed", "rigid_body", "bed"],
@@ -638,8 +642,8 @@ def test_variables_of_two_decks(two_decks: Path) -> None:
         assert all(unknown.dependencies == [] for unknown in unknowns)
     places = [v.valueReference for v in description.modelVariables]
     assert places == sorted(set(places))
-    # the lower deck's second panel is not there: five references are skipped
-    assert places[-1] == len(places) - 1 + 5
+    # the lower deck's second panel is not there: nine references are skipped
+    assert places[-1] == len(places) - 1 + 9
     starts = {v.name: float(v.start) for v in real if v.start is not None}
     assert starts["deck[1].panel[1].open_area"] == 0.40
     assert starts["deck[1].panel[2].open_area"] == 0.62
@@ -655,7 +659,7 @@ def test_the_page_tells_of_decks(two_decks: Path) -> None:
 
 
 def test_what_no_panel_fills_is_no_variable(lower: Instance) -> None:
-    place = lower.references(["deck[2].panel[1].velocity_factor"])[0]
+    place = lower.references(["deck[2].panel[1].relative_thickness"])[0]
     for references in ([place + 1], [place, place + 1], list(range(place, place + 8))):
         with pytest.raises(FMICallException, match=FATAL):
             lower.slave.getReal(references)
