@@ -146,8 +146,8 @@ def test_a_state_from_before(host: BareHost) -> None:
 # --- many ----------------------------------------------------------------------------------------
 # What two thirds of them may leave behind, kB: pythonfmu's library keeps some texts of each.
 MANY = {
-    "instances_in_turn": {"native": (3000, 500), "python": (150, 500)},
-    "resets": {"native": (3000, 500), "python": (150, 500)},
+    "instances_in_turn": {"native": (3000, 500), "python": (150, 700)},
+    "resets": {"native": (3000, 500), "python": (150, 700)},
     "refusals": {"native": (50_000, 500), "python": (50_000, 500)},
 }
 
