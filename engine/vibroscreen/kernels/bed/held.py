@@ -27,13 +27,18 @@ def held_by_node(buffer, deck, held):
     return total
 
 
+# m/s; a bed that rides more slowly has no depth of its own at the feed end: what lies there has.
+STILL = 1e-9
+
+
 @kernel
 def depth_at_feed(buffer, deck):
     """Depth of the bed at the feed end, m; on a lower deck that of its first cell."""
     book, density = state.book(buffer, deck), state.scene(buffer, deck, 0).density
-    if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0:
+    velocity = travel.panel_velocity(buffer, deck, 0)
+    if deck == 0 and book.pile_open == 0.0 and book.cohort_front > 0.0 and velocity > STILL:
         load = book.cohort_fed / state.width(buffer)[deck]
-        return load / (travel.panel_velocity(buffer, deck, 0) * density)
+        return load / (velocity * density)
     if book.first_load > 0.0:
         return book.first_load / density  # of a slice alone
     if book.cells > 0.0:
