@@ -41,15 +41,16 @@ def test_the_command_of_the_readme(tmp_path: Path) -> None:
     assert_allclose(fitted, list(example.TRUTH.values()), rtol=0.25)
 
 
-def test_the_code_of_the_readme(
+def test_the_code_of_the_guide(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It runs as printed and finds the numbers that all runs share."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (block,) = [part for part in re.findall(r"```python\n(.*?)```", text, re.S) if "survey" in part]
+    page = ROOT / "engine" / "docs" / "calibrate.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    block = next(part for part in blocks if "read_survey" in part)
     names: dict[str, Any] = {}
     monkeypatch.chdir(ROOT)
-    exec(compile(block, "README.md", "exec"), names)
+    exec(compile(block, page.name, "exec"), names)
     found = [names["calibrated"].value_of(name) for name in example.TRUTH]
     assert_allclose(found, list(example.TRUTH.values()), rtol=0.25)
     assert names["found"].fit.rmse == pytest.approx(example.NOISE, rel=0.3)
