@@ -56,7 +56,7 @@ RECONSTRUCTIONS = ("none", "linear")
 # What screens are made like, with room. The largest in makers' lists are about 12 x 4.9 m; bars of
 # grizzlies are up to .3 m apart, the finest woven media .045 mm; banana decks start at up to 40
 # degrees; thin mats are open to .8 of their area. An assumption, from no single source.
-LONGEST, WIDEST = 30.0, 10.0  # m
+LONGEST, WIDEST, NARROWEST = 30.0, 10.0, 1.0 * MM  # m; strips of simulations are centimetres wide
 FINEST, COARSEST = 0.02 * MM, 0.5  # m
 STEEPEST = 45.0 * DEG
 MOST_OPEN = 0.95
@@ -285,7 +285,9 @@ class Panel:
 class Deck:
     """A row of panels, feed end first, of one width [m]."""
 
-    width: float = number(2.4, "width_m", "m", above=0.0, at_most=WIDEST, tells="Width of the deck")
+    width: float = number(
+        2.4, "width_m", "m", at_least=NARROWEST, at_most=WIDEST, tells="Width of the deck"
+    )
     panels: tuple[Panel, ...] = said((Panel(),), Sections("panel", Panel))
 
     def __post_init__(self) -> None:

@@ -117,7 +117,7 @@ def test_answers() -> None:
         "Error: nix.csv: no such file or directory",
         "Error: 'abc' is no number: give apertures such as 31.5 8",
         "Error: 'zigzag' is no motion: give one of linear, circular, elliptical",
-        "Error: deck[1].width_m = 0 is out of range (above 0 to 10 m)",
+        "Error: deck[1].width_m = 0 is out of range (0.001 to 10 m)",
         "Error: motion.sense = 'sideways' is unknown: give one of with_flow, against_flow",
     ):
         assert told in done.stderr

@@ -169,7 +169,7 @@ OWN: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     ),
     "width in mm": (
         (("width_m = 2.4", "width_m = 2400"),),
-        "deck[1].width_m = 2400 is out of range (above 0 to 10 m): were millimetres meant? 2400 mm "
+        "deck[1].width_m = 2400 is out of range (0.001 to 10 m): were millimetres meant? 2400 mm "
         "is 2.4 m",
     ),
     "length in mm": (

@@ -659,7 +659,7 @@ TOML_REFUSALS = {
     ),
     "length in mm": (
         EDGES + "[[deck]]\nwidth_m = 2400",
-        "deck[1].width_m = 2400 is out of range (above 0 to 10 m): were millimetres meant? 2400 mm is 2.4 m",
+        "deck[1].width_m = 2400 is out of range (0.001 to 10 m): were millimetres meant? 2400 mm is 2.4 m",
     ),
     "vertical deck": (
         EDGES + "[[deck]]\n[[deck.panel]]\ninclination_deg = 90",

@@ -290,7 +290,7 @@ def test_changes_are_checked_as_a_whole(config: ScreenConfig) -> None:
         ),
         ("deck[1].panel[1].aperture", math.nan, r"^deck\[1\]\.panel\[1\]\.aperture = nan m"),
         ("deck[1].panel[1].inclination", 80 * DEG, r"^deck\[1\]\.panel\[1\]\.inclination = 1\.39"),
-        ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is out of range \(above 0 to 10 m\)"),
+        ("deck[1].width", -1.0, r"^deck\[1\]\.width = -1 m is out of range \(0\.001 to 10 m\)"),
         ("material.bulk_density", 1.6, r"^material\.bulk_density = 1\.6 kg/m3"),
     ],
 )
