@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -43,7 +42,7 @@ from vibroscreen.sections import (
 )
 from vibroscreen.size_classes import SizeClasses, coarse_first
 from vibroscreen.stream import Feed, checked_fractions
-from vibroscreen.toml_text import toml_text
+from vibroscreen.toml_text import text_of, toml_text, toml_tree
 from vibroscreen.units import DEG, MM
 
 __all__ = ["ScreenConfig", "legal_keys", "typical_fractions"]
@@ -218,7 +217,7 @@ class ScreenConfig:
         """
         path = Path(path)
         try:
-            tree = _toml_tree(_text_of(path))
+            tree = toml_tree(text_of(path))
             return cls.from_dict(edited(cls, tree, changes) if changes else tree, path.parent)
         except ConfigError as error:
             error.add_note(f"in {path}{' with what was set' if changes else ''}")
@@ -227,7 +226,7 @@ class ScreenConfig:
     @classmethod
     def loads(cls, text: str) -> ScreenConfig:
         """Configuration from the text of a TOML file; file names in it are relative to here."""
-        return cls.from_dict(_toml_tree(text))
+        return cls.from_dict(toml_tree(text))
 
     @classmethod
     def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> ScreenConfig:
@@ -480,17 +479,3 @@ def typical_fractions(edges: tuple[float, ...]) -> tuple[float, ...]:
 def legal_keys() -> tuple[str, ...]:
     """Every key of a configuration file, in full, such as `deck.panel.aperture_mm`."""
     return tuple(path for path, _ in fields.leaves(ScreenConfig))
-
-
-def _text_of(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path.name} is not text in UTF-8: save it in this encoding") from None
-
-
-def _toml_tree(text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"the text is not TOML ({error}): correct it there") from None

@@ -22,10 +22,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from vibroscreen.errors import ConfigError, Faults, InputError, given, told, with_unit
-from vibroscreen.keys import WORDS, Unit, meant_units, of_file, split
+from vibroscreen.keys import WORDS, Unit, meant_units, of_file, reading, split
+from vibroscreen.toml_text import text_of, toml_tree
 
 T = TypeVar("T")
 Metadata = Mapping[str, "Entry"]
@@ -362,7 +363,9 @@ class Section(Entry):
 
 @dataclass(frozen=True)
 class Sections(Section):
-    """A list of tables of the TOML file, at least one, each a dataclass."""
+    """A list of tables of the TOML file, at least one unless `optional`, each a dataclass."""
+
+    optional: bool = False
 
     def read(self, name: str, raw: Any, folder: Path) -> Any:
         if not isinstance(raw, list):
@@ -376,6 +379,8 @@ class Sections(Section):
 
     def check(self, name: str, value: Any) -> Any:
         values = as_tuple(value)
+        if self.optional and values == ():
+            return ()
         if not values:
             raise ConfigError(
                 f"{name} = {value!r} is not a list of {self.kind.__name__}: give one or more"
@@ -385,6 +390,68 @@ class Sections(Section):
 
     def write(self, value: Any) -> Any:
         return [write_table(v) for v in value]
+
+
+@dataclass(frozen=True)
+class FileOf(Entry):
+    """What a file of its own describes: that, or the name of its file, relative to this one.
+
+    kinds: by key, what reads the file under that key (`load`); it is what such a field holds.
+    noun: what that is called; this: what the file is called that names it.
+    """
+
+    key: str
+    kinds: Mapping[str, Any]
+    noun: str
+    this: str
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(self.kinds)
+
+    def read(self, name: str, raw: Any, folder: Path) -> Any:
+        if not isinstance(raw, str):
+            raise ConfigError(
+                f"{name} = {raw!r} is not a text: give the name of {self.noun}'s file"
+            )
+        try:
+            return self.kinds[name.rpartition(".")[2]].load(folder / raw)
+        except OSError as error:
+            raise ConfigError(
+                f"{name} = {raw!r} cannot be read ({error.strerror}): give the file of "
+                f"{self.noun}, relative to that of {self.this}"
+            ) from None
+
+    def check(self, name: str, value: Any) -> Any:
+        if not isinstance(value, tuple(self.kinds.values())):
+            wanted = " or a ".join(kind.__name__ for kind in self.kinds.values())
+            raise ConfigError(f"{name} = {value!r} is not a {wanted}: give one")
+        return value
+
+
+class OfFile:
+    """A dataclass that a TOML file describes."""
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """What a TOML file describes. Raises ConfigError, OSError if it cannot be read."""
+        path = Path(path)
+        try:
+            return cls.loads(text_of(path), path.parent)
+        except ConfigError as error:
+            error.add_note(f"in {path}")
+            raise
+
+    @classmethod
+    def loads(cls, text: str, folder: str | Path = "") -> Self:
+        """What the text of a TOML file describes; file names in it are relative to `folder`."""
+        return cls.from_dict(toml_tree(text), folder)
+
+    @classmethod
+    def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> Self:
+        """What the tree of a TOML file describes; file names are relative to `folder`."""
+        with reading(cls, tree):
+            return read_table(cls, tree, "", Path(folder))
 
 
 def of(entry: Entry) -> Metadata:

@@ -1,12 +1,32 @@
-"""TOML as it is written: tables of values, and of tables inside them."""
+"""TOML as it is read and written: tables of values, and of tables inside them."""
 
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
-__all__ = ["toml_text", "toml_value"]
+from vibroscreen.errors import ConfigError
+
+__all__ = ["text_of", "toml_text", "toml_tree", "toml_value"]
+
+
+def text_of(path: Path) -> str:
+    """The text of a file. Raises ConfigError if it is none, OSError if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path.name} is not text in UTF-8: save it in this encoding") from None
+
+
+def toml_tree(text: str) -> dict[str, Any]:
+    """The tree of a TOML text. Raises ConfigError if it is none."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"the text is not TOML ({error}): correct it there") from None
 
 
 def toml_text(table: Mapping[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from vibroscreen.circuit.handling import Bin, Conveyor, Mixer, Splitter
 from vibroscreen.circuit.screening import ScreenUnit
 from vibroscreen.circuit.unit import Array, Name, Target, Unit
 from vibroscreen.errors import ConfigError, Faults
-from vibroscreen.fields import Number, Numbers, Section, Sections, Text, nearest, said
+from vibroscreen.fields import Number, Numbers, OfFile, Section, Sections, Text, nearest, said
 from vibroscreen.keys import reading
 from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
@@ -89,13 +88,6 @@ class Product:
         return np.asarray(inside)
 
 
-class _Tables(Sections):
-    """Tables of one kind, none of which need be there."""
-
-    def check(self, name: str, value: Any) -> Any:
-        return super().check(name, value) if value else ()
-
-
 def _file_class() -> type:
     """The tables of a file; `Flowsheet` puts the units of all kinds in one row."""
     said_of = [
@@ -107,7 +99,10 @@ def _file_class() -> type:
         ("feeds", tuple, said(dataclasses.MISSING, Sections("feed", FreshFeed))),
         ("products", tuple, said(dataclasses.MISSING, Sections("product", Product))),
         ("name", str, said("circuit", Text("name"))),
-        *((key, tuple, said((), _Tables(key, kind))) for key, kind in KINDS.items()),
+        *(
+            (key, tuple, said((), Sections(key, kind, optional=True)))
+            for key, kind in KINDS.items()
+        ),
     ]
     return dataclasses.make_dataclass("File", said_of, frozen=True)
 
@@ -116,7 +111,7 @@ _File: Any = _file_class()
 
 
 @dataclass(frozen=True)
-class Flowsheet:
+class Flowsheet(OfFile):
     """Feeds, units and products of a circuit; every outlet leads to a unit or a product by name.
 
     Any number of streams may lead to one place: they are mixed there. All streams have the same
@@ -138,25 +133,6 @@ class Flowsheet:
 
     # --- from a file -----------------------------------------------------------------------------
     @classmethod
-    def load(cls, path: str | Path) -> Flowsheet:
-        """Flowsheet from a TOML file. Raises ConfigError, OSError if it cannot be read."""
-        path = Path(path)
-        try:
-            return cls.loads(path.read_text(encoding="utf-8"), path.parent)
-        except ConfigError as error:
-            error.add_note(f"in {path}")
-            raise
-
-    @classmethod
-    def loads(cls, text: str, folder: str | Path = "") -> Flowsheet:
-        """Flowsheet from the text of a TOML file; file names in it are relative to `folder`."""
-        try:
-            tree = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"the text is not TOML ({error}): correct it there") from None
-        return cls.from_dict(tree, folder)
-
-    @classmethod
     def from_dict(cls, tree: Mapping[str, Any], folder: str | Path = "") -> Flowsheet:
         """Flowsheet from the tree of a TOML file; file names are relative to `folder`."""
         with reading(_File, tree):
@@ -177,6 +153,11 @@ class Flowsheet:
         units = tuple(unit.with_values(own.get(unit.name, {})) for unit in self.units)
         feeds = tuple(dataclasses.replace(feed, **own.get(feed.name, {})) for feed in self.feeds)
         return dataclasses.replace(self, units=units, feeds=feeds)
+
+    def with_tolerance(self, tolerance: float) -> Flowsheet:
+        """The same circuit, its screens solved to that tolerance [1]."""
+        screens = (unit.name for unit in self.units if isinstance(unit, ScreenUnit))
+        return self.with_values({f"{name}.solver.tolerance": tolerance for name in screens})
 
     # --- the graph -------------------------------------------------------------------------------
     @cached_property

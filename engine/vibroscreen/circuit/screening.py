@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError
-from vibroscreen.fields import Entry, as_tuple, said
+from vibroscreen.fields import Entry, FileOf, as_tuple, said
 from vibroscreen.motion import Motion
 from vibroscreen.results import StepResult
 from vibroscreen.screen import Screen
@@ -26,28 +25,6 @@ __all__ = ["RunningScreen", "ScreenUnit"]
 
 # Tolerance at which results have no steps that a circuit could swing about.
 SHARP = 1e-6
-
-
-class _ScreenFile(Entry):
-    """A configuration, or the name of the file that holds it, relative to that of the circuit."""
-
-    key = "file"
-
-    def read(self, name: str, raw: Any, folder: Path) -> Any:
-        if not isinstance(raw, str):
-            raise ConfigError(f"{name} = {raw!r} is not a text: give the name of a screen's file")
-        try:
-            return ScreenConfig.load(folder / raw)
-        except OSError as error:
-            raise ConfigError(
-                f"{name} = {raw!r} cannot be read ({error.strerror}): give the file of a screen, "
-                "relative to that of the circuit"
-            ) from None
-
-    def check(self, name: str, value: Any) -> ScreenConfig:
-        if not isinstance(value, ScreenConfig):
-            raise ConfigError(f"{name} = {value!r} is not a ScreenConfig: give one")
-        return value
 
 
 class _Between(Entry):
@@ -70,7 +47,9 @@ class ScreenUnit(Unit):
     configuration says of both is left aside.
     """
 
-    config: ScreenConfig = said(dataclasses.MISSING, _ScreenFile())
+    config: ScreenConfig = said(
+        dataclasses.MISSING, FileOf("file", {"file": ScreenConfig}, "a screen", "the circuit")
+    )
     undersize: str = said(dataclasses.MISSING, Target("undersize"))
     oversize: str = said(dataclasses.MISSING, Target("oversize"))
     intermediate: tuple[str, ...] = said((), _Between())

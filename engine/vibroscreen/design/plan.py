@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +18,19 @@ from vibroscreen.circuit.results import CLOSED, solve_circuit_many
 from vibroscreen.circuit.screening import ScreenUnit
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, Faults
-from vibroscreen.fields import Choice, Entry, Number, Numbers, Sections, Text, nearest, said
-from vibroscreen.keys import reading
-from vibroscreen.screen import settings_of
-from vibroscreen.study.plan import keys_of
+from vibroscreen.fields import (
+    Choice,
+    Entry,
+    FileOf,
+    Number,
+    Numbers,
+    OfFile,
+    Sections,
+    Text,
+    nearest,
+    said,
+)
+from vibroscreen.study.plan import ascending, keys_of
 from vibroscreen.sweep import Sweep
 
 __all__ = ["SHARP", "SLACK", "Condition", "Goal", "Search", "Total", "Variable"]
@@ -62,40 +69,6 @@ class _Yes(Entry):
     def check(self, name: str, value: Any) -> bool:
         if not isinstance(value, bool):
             raise ConfigError(f"{name} = {value!r} is neither true nor false: write one of them")
-        return value
-
-
-class _Some(Sections):
-    """Tables of one kind, none of which need be there."""
-
-    def check(self, name: str, value: Any) -> Any:
-        return super().check(name, value) if value else ()
-
-
-class _Subject(Entry):
-    """A screen or a circuit, or the name of its file, relative to that of the search."""
-
-    key = "screen"
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        return ("screen", "circuit")
-
-    def read(self, name: str, raw: Any, folder: Path) -> Any:
-        if not isinstance(raw, str):
-            raise ConfigError(f"{name} = {raw!r} is not a text: give the name of a file")
-        kind = Flowsheet if name.endswith("circuit") else ScreenConfig
-        try:
-            return kind.load(folder / raw)
-        except OSError as error:
-            raise ConfigError(
-                f"{name} = {raw!r} cannot be read ({error.strerror}): give a file, relative to "
-                "that of the search"
-            ) from None
-
-    def check(self, name: str, value: Any) -> Any:
-        if not isinstance(value, ScreenConfig | Flowsheet):
-            raise ConfigError(f"{name} = {value!r} is neither a screen nor a circuit: give one")
         return value
 
 
@@ -138,10 +111,7 @@ class Variable:
         ]
         if sum(given) != 1:
             raise ConfigError(f"{self.key}: give from and to, or choices, or options")
-        if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ConfigError(
-                f"{self.key}: from = {self.low:g} is not less than to = {self.high:g}: swap them"
-            )
+        ascending(self.key, self.low, self.high)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -220,17 +190,25 @@ class Total:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
+class Search(OfFile):
     """A screen or a circuit, what may change, what must hold and what is wanted.
 
     algorithm: "pso", "de", or "nsga2", which is taken for several goals. Raises ConfigError.
     """
 
-    subject: ScreenConfig | Flowsheet = said(dataclasses.MISSING, _Subject())
+    subject: ScreenConfig | Flowsheet = said(
+        dataclasses.MISSING,
+        FileOf(
+            "screen",
+            {"screen": ScreenConfig, "circuit": Flowsheet},
+            "a screen or a circuit",
+            "the search",
+        ),
+    )
     variables: tuple[Variable, ...] = said(dataclasses.MISSING, Sections("variable", Variable))
     goals: tuple[Goal, ...] = said(dataclasses.MISSING, Sections("goal", Goal))
-    conditions: tuple[Condition, ...] = said((), _Some("condition", Condition))
-    totals: tuple[Total, ...] = said((), _Some("total", Total))
+    conditions: tuple[Condition, ...] = said((), Sections("condition", Condition, optional=True))
+    totals: tuple[Total, ...] = said((), Sections("total", Total, optional=True))
     algorithm: str = said("pso", Choice("algorithm", lambda: ALGORITHMS))
     population: int = said(60, Number("population", whole=True, at_least=4, at_most=100_000))
     generations: int = said(60, Number("generations", whole=True, at_least=1, at_most=100_000))
@@ -269,26 +247,6 @@ class Search:
                 )
         faults.tell()
 
-    @classmethod
-    def load(cls, path: str | Path) -> Search:
-        """Search from a TOML file. Raises ConfigError, OSError if it cannot be read."""
-        path = Path(path)
-        try:
-            return cls.loads(path.read_text(encoding="utf-8"), path.parent)
-        except ConfigError as error:
-            error.add_note(f"in {path}")
-            raise
-
-    @classmethod
-    def loads(cls, text: str, folder: str | Path = "") -> Search:
-        """Search from the text of a TOML file; file names in it are relative to `folder`."""
-        try:
-            tree = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"the text is not TOML ({error}): correct it there") from None
-        with reading(cls, tree):
-            return fields.read_table(cls, tree, "", Path(folder))
-
     @property
     def kind(self) -> str:
         """Whether it is about a screen or a circuit."""
@@ -298,18 +256,7 @@ class Search:
     @cached_property
     def _known(self) -> dict[str, tuple[str, float]]:
         """Numbers that may change, by key: name, and factor to SI."""
-        if isinstance(self.subject, Flowsheet):
-            return keys_of(self.subject)
-        return {
-            f"{number.section}.{number.entry.key}": (number.name, number.entry.factor)
-            for number in settings_of(self.subject)
-            if number
-            and not number.whole
-            and isinstance(number.entry, Number)
-            and number.section != "solver"
-            and not number.section.startswith("size_class")
-            and not number.field.startswith("mass_fraction")
-        }
+        return keys_of(self.subject)
 
     def values(self, shares: Array) -> tuple[dict[str, Array], Array]:
         """Values by key, in its unit, at shares of the ranges [design, variable]; and what is off.
@@ -340,28 +287,24 @@ class Search:
         """
         named = {self._known[key][0]: self._known[key][1] * v for key, v in values.items()}
         sharp = self.tolerance if tolerance is None else tolerance
-        if isinstance(self.subject, ScreenConfig):
-            frame = _screens(self._screen(sharp), named)
-        else:
-            frame = _circuits(self._circuit(sharp), named)
+        if sharp not in self._solvers:
+            self._solvers[sharp] = self._made(sharp)
+        solver = self._solvers[sharp]
+        frame = _screens(solver, named) if isinstance(solver, Sweep) else _circuits(solver, named)
         frame.loc[(off > SLACK) & (frame["refused"] == ""), "refused"] = "parts exceed their total"
         for place, (key, column) in enumerate(values.items()):
             frame.insert(place, key, column)
         return frame
 
-    def _screen(self, tolerance: float) -> Sweep:
-        assert isinstance(self.subject, ScreenConfig)
-        return Sweep([self.subject.with_values({"solver.tolerance": tolerance})])
+    @cached_property
+    def _solvers(self) -> dict[float, Sweep | Flowsheet]:
+        """What solves designs at a tolerance, made once."""
+        return {}
 
-    def _circuit(self, tolerance: float) -> Flowsheet:
-        assert isinstance(self.subject, Flowsheet)
-        return self.subject.with_values(
-            {
-                f"{unit.name}.solver.tolerance": tolerance
-                for unit in self.subject.units
-                if isinstance(unit, ScreenUnit)
-            }
-        )
+    def _made(self, tolerance: float) -> Sweep | Flowsheet:
+        if isinstance(self.subject, Flowsheet):
+            return self.subject.with_tolerance(tolerance)
+        return Sweep([self.subject.with_values({"solver.tolerance": tolerance})])
 
     def costs(self, frame: pd.DataFrame) -> Array:
         """What is to be small [design, goal]; huge where a design cannot be run."""

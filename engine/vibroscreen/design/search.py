@@ -7,7 +7,6 @@ conditions there.
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,8 +17,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import vibroscreen
 from vibroscreen.design.plan import SHARP, SLACK, Search
+from vibroscreen.study.plan import fingerprint
 from vibroscreen.study.runner import keep
 
 __all__ = ["Found", "search"]
@@ -100,7 +99,7 @@ class _Memory:
         self._path: Path | None = None
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            self._path = folder / f"search-{_fingerprint(what)}.parquet"
+            self._path = folder / f"search-{fingerprint(what)}.parquet"
             if self._path.exists():
                 self._recall(self._path)
 
@@ -148,11 +147,6 @@ class _Memory:
         if len(self._shares) > 1:
             self._shares = [np.concatenate(self._shares)]
         return self._shares[0]
-
-
-def _fingerprint(what: Search) -> str:
-    told = repr((what, vibroscreen.__version__)).encode()
-    return hashlib.sha256(told).hexdigest()[:16]
 
 
 def _optimise(

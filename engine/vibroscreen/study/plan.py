@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,13 +15,23 @@ from vibroscreen import fields
 from vibroscreen.circuit.flowsheet import Flowsheet
 from vibroscreen.circuit.screening import ScreenUnit
 from vibroscreen.circuit.unit import Array, numbers_of
+from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, Faults
-from vibroscreen.fields import Choice, Entry, Number, Numbers, Sections, Text, nearest, said
-from vibroscreen.keys import reading
+from vibroscreen.fields import (
+    Choice,
+    FileOf,
+    Number,
+    Numbers,
+    OfFile,
+    Sections,
+    Text,
+    nearest,
+    said,
+)
 from vibroscreen.screen import settings_of
 from vibroscreen.stream import Feed
 
-__all__ = ["Axis", "Study", "keys_of"]
+__all__ = ["Axis", "Study", "ascending", "fingerprint", "keys_of"]
 
 PLANS = ("grid", "random", "latin", "sobol")
 MOST_DESIGNS = 10_000_000
@@ -53,10 +60,7 @@ class Axis:
             raise ConfigError(
                 f"{self.key} has {' and '.join(there) or 'no values'}: give values, or from and to"
             )
-        if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ConfigError(
-                f"{self.key}: from = {self.low:g} is not less than to = {self.high:g}: swap them"
-            )
+        ascending(self.key, self.low, self.high)
 
     @property
     def grid(self) -> Array:
@@ -73,30 +77,8 @@ class Axis:
         return np.asarray(low + share * (high - low))
 
 
-class _CircuitFile(Entry):
-    """A flowsheet, or the name of the file that holds it, relative to that of the study."""
-
-    key = "circuit"
-
-    def read(self, name: str, raw: Any, folder: Path) -> Any:
-        if not isinstance(raw, str):
-            raise ConfigError(f"{name} = {raw!r} is not a text: give the name of a circuit's file")
-        try:
-            return Flowsheet.load(folder / raw)
-        except OSError as error:
-            raise ConfigError(
-                f"{name} = {raw!r} cannot be read ({error.strerror}): give the file of a circuit, "
-                "relative to that of the study"
-            ) from None
-
-    def check(self, name: str, value: Any) -> Flowsheet:
-        if not isinstance(value, Flowsheet):
-            raise ConfigError(f"{name} = {value!r} is not a Flowsheet: give one")
-        return value
-
-
 @dataclass(frozen=True, kw_only=True)
-class Study:
+class Study(OfFile):
     """A circuit and what is varied of it.
 
     plan: "grid" of all axes, or `designs` drawn "random", as a "latin" hypercube, or along a
@@ -104,7 +86,10 @@ class Study:
     best design is solved again with the tolerance of its own file. Raises ConfigError.
     """
 
-    circuit: Flowsheet = said(dataclasses.MISSING, _CircuitFile())
+    circuit: Flowsheet = said(
+        dataclasses.MISSING,
+        FileOf("circuit", {"circuit": Flowsheet}, "a circuit", "the study"),
+    )
     axes: tuple[Axis, ...] = said(dataclasses.MISSING, Sections("axis", Axis))
     plan: str = said("grid", Choice("plan", lambda: PLANS))
     designs: int = said(1000, Number("designs", whole=True, at_least=1, at_most=MOST_DESIGNS))
@@ -128,26 +113,6 @@ class Study:
             )
         faults.tell()
 
-    @classmethod
-    def load(cls, path: str | Path) -> Study:
-        """Study from a TOML file. Raises ConfigError, OSError if it cannot be read."""
-        path = Path(path)
-        try:
-            return cls.loads(path.read_text(encoding="utf-8"), path.parent)
-        except ConfigError as error:
-            error.add_note(f"in {path}")
-            raise
-
-    @classmethod
-    def loads(cls, text: str, folder: str | Path = "") -> Study:
-        """Study from the text of a TOML file; file names in it are relative to `folder`."""
-        try:
-            tree = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"the text is not TOML ({error}): correct it there") from None
-        with reading(cls, tree):
-            return fields.read_table(cls, tree, "", Path(folder))
-
     @property
     def count(self) -> int:
         """How many designs there are."""
@@ -158,24 +123,10 @@ class Study:
             count *= axis.grid.size
         return count
 
-    @cached_property
-    def fingerprint(self) -> str:
-        """What tells one study from another, its circuit and the version of the engine included."""
-        told = repr((self, vibroscreen.__version__)).encode()
-        return hashlib.sha256(told).hexdigest()[:16]
-
-    @cached_property
+    @property
     def fast(self) -> Flowsheet:
         """The circuit with the tolerance of the study."""
-        units = tuple(
-            dataclasses.replace(
-                unit, config=unit.config.with_values({"solver.tolerance": self.tolerance})
-            )
-            if isinstance(unit, ScreenUnit)
-            else unit
-            for unit in self.circuit.units
-        )
-        return dataclasses.replace(self.circuit, units=units)
+        return self.circuit.with_tolerance(self.tolerance)
 
     def table(self) -> dict[str, Array]:
         """Values of all designs by key, in the unit of the key; the same in every process."""
@@ -208,23 +159,46 @@ class Study:
         return {known[key][0]: known[key][1] * column for key, column in table.items()}
 
 
-def keys_of(circuit: Flowsheet) -> dict[str, tuple[str, float]]:
-    """Numbers of a circuit that may differ between designs, by key: name, and factor to SI."""
+def keys_of(subject: ScreenConfig | Flowsheet) -> dict[str, tuple[str, float]]:
+    """Numbers that may differ between designs, by key: name, and factor to SI.
+
+    Those of the duty of a screen in a circuit are the circuit's.
+    """
+    if isinstance(subject, ScreenConfig):
+        return {
+            f"{number.section}.{number.entry.key}": (number.name, number.entry.factor)
+            for number in settings_of(subject)
+            if number
+            and not number.whole
+            and isinstance(number.entry, Number)
+            and number.section != "solver"
+            and not number.section.startswith("size_class")
+            and not number.field.startswith("mass_fraction")
+        }
     rate = fields.entries(Feed)["mass_flow_rate"]
     assert isinstance(rate, Number)
     found = {
         f"{feed.name}.{rate.key}": (f"{feed.name}.mass_flow_rate", rate.factor)
-        for feed in circuit.feeds
+        for feed in subject.feeds
     }
-    for unit in circuit.units:
+    for unit in subject.units:
         if isinstance(unit, ScreenUnit):
-            for number in settings_of(unit.config):
-                if number and not number.whole and isinstance(number.entry, Number):
-                    if number.section in ("feed", "solver") or "size_class" in number.section:
-                        continue
-                    key = f"{unit.name}.{number.section}.{number.entry.key}"
-                    found[key] = (f"{unit.name}.{number.name}", number.entry.factor)
+            for key, (name, factor) in keys_of(unit.config).items():
+                if not key.startswith("feed."):
+                    found[f"{unit.name}.{key}"] = (f"{unit.name}.{name}", factor)
         else:
             for field, entry in numbers_of(type(unit)).items():
                 found[f"{unit.name}.{entry.key}"] = (f"{unit.name}.{field}", entry.factor)
     return found
+
+
+def ascending(key: str, low: float | None, high: float | None) -> None:
+    """Refuse a range that does not go up, with ConfigError."""
+    if low is not None and high is not None and not low < high:
+        raise ConfigError(f"{key}: from = {low:g} is not less than to = {high:g}: swap them")
+
+
+def fingerprint(told: object) -> str:
+    """What tells one study or search from another, the version of the engine included."""
+    whole = repr((told, vibroscreen.__version__)).encode()
+    return hashlib.sha256(whole).hexdigest()[:16]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from vibroscreen.circuit import solve_circuit_many
 from vibroscreen.errors import InputError
-from vibroscreen.study.plan import Study
+from vibroscreen.study.plan import Study, fingerprint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,13 +162,13 @@ def keep(frame: pd.DataFrame, path: Path) -> None:
 def _note(study: Study, folder: Path) -> None:
     """Say what is studied in a folder, or refuse one of another study."""
     path = folder / NOTE
-    told = {"name": study.name, "fingerprint": study.fingerprint, "designs": study.count}
+    told = {"name": study.name, "fingerprint": fingerprint(study), "designs": study.count}
     if path.exists():
         try:
             known = json.loads(path.read_text(encoding="utf-8"))["fingerprint"]
         except (ValueError, KeyError, TypeError):
             known = None
-        if known != study.fingerprint:
+        if known != fingerprint(study):
             raise InputError(
                 f"{folder} holds another study, or an earlier state of this one: give another "
                 f"folder, or remove that one",
