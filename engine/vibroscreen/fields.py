@@ -552,14 +552,13 @@ def _unknown(kind: Any, tree: Mapping[str, Any], prefix: str) -> Iterator[str]:
     """What is said of every key that a table does not have: what was likely meant by it."""
     legal = [key for entry in entries(kind).values() for key in entry.keys]
     below = [(prefix + path, entry) for path, entry in leaves(kind)]
+    # Keys of earlier versions that mean nothing here, and why, as the table says.
+    aside = kind.left_aside(tree) if hasattr(kind, "left_aside") else {}
     for key, raw in tree.items():
         if key in legal:
             continue
-        if key in getattr(kind, "GONE", ()) and tree.get("law") != "bounce":
-            text = (
-                f"{prefix}{key} is a constant of an earlier law bounce, not used here: leave it out"
-            )
-            warnings.warn(text, stacklevel=2)
+        if key in aside:
+            warnings.warn(f"{prefix}{key} {aside[key]}: leave it out", stacklevel=2)
             continue
         name = f"{prefix}{key} = {reprlib.repr(raw)} is unknown"
         everywhere = [*below, *leaves(of_file() or kind)]
@@ -629,6 +628,32 @@ def as_tuple(value: Any) -> tuple[Any, ...] | None:
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         return tuple(value)
     return None
+
+
+def ascending_pairs(
+    name: str, value: Any, first: tuple[str, Number], second: tuple[str, Number], wrong: str
+) -> tuple[tuple[float, float], ...]:
+    """Two or more rows of two numbers, ascending in the first.
+
+    first, second: what a number of a row is called, and what is said of it; wrong: what is said of
+    a value that is no such table. Raises ConfigError.
+    """
+    rows = [as_tuple(row) for row in as_tuple(value) or ()]
+    pairs = [row for row in rows if row is not None and len(row) == 2]
+    if len(rows) < 2 or len(pairs) < len(rows):
+        raise ConfigError(f"{name} = {value!r} {wrong}")
+    (one, low), (other, high) = first, second
+    table = tuple(
+        (low.check(f"{name}[{i}].{one}", a), high.check(f"{name}[{i}].{other}", b))
+        for i, (a, b) in enumerate(pairs, start=1)
+    )
+    for i in range(1, len(table)):
+        if table[i][0] <= table[i - 1][0]:
+            raise ConfigError(
+                f"{name}[{i + 1}].{one} = {low.text(table[i][0])} is not larger than the one "
+                f"before, {low.text(table[i - 1][0])}: sort the rows by {one}"
+            )
+    return table
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

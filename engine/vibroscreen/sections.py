@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from vibroscreen.fields import (
     Number,
     Sections,
     as_tuple,
+    ascending_pairs,
     check_fields,
     from_si,
     number,
@@ -95,26 +97,14 @@ class _VelocityTable(Entry):
     def check(self, name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
         if value is None:
             return None
-        rows = [as_tuple(row) for row in as_tuple(value) or ()]
-        pairs = [row for row in rows if row is not None and len(row) == 2]
-        if len(rows) < 2 or len(pairs) < len(rows):
-            raise ConfigError(
-                f"{name} = {value!r} is not a table of two or more rows (aperture, velocity): "
-                'give a CSV file with the columns aperture_mm, velocity_m_s, or "default"'
-            )
-        size = Number("aperture_mm", "m", MM, above=0.0)
-        speed = Number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)
-        table = tuple(
-            (size.check(f"{name}[{i}].aperture", a), speed.check(f"{name}[{i}].velocity", u))
-            for i, (a, u) in enumerate(pairs, start=1)
+        return ascending_pairs(
+            name,
+            value,
+            ("aperture", Number("aperture_mm", "m", MM, above=0.0)),
+            ("velocity", Number("velocity_m_s", "m/s", at_least=0.0, at_most=100.0)),
+            "is not a table of two or more rows (aperture, velocity): "
+            'give a CSV file with the columns aperture_mm, velocity_m_s, or "default"',
         )
-        for i in range(1, len(table)):
-            if table[i][0] <= table[i - 1][0]:
-                raise ConfigError(
-                    f"{name}[{i + 1}].aperture = {size.text(table[i][0])} is not larger than the "
-                    f"one before, {size.text(table[i - 1][0])}: sort the rows by aperture"
-                )
-        return table
 
     def write(self, value: Any) -> Any:
         return None if value is None else [[from_si(a, MM), u] for a, u in value]
@@ -405,9 +395,6 @@ class Passage:
     deck shakes of a bed; bouncing, how much higher than the deck throws a lone grain bounces.
     """
 
-    # Keys of version 0.4.0 that files with another law may still have: they are told of.
-    GONE: ClassVar = ("passing_time", "damping", "lift", "stirring", "calming", "depletion")
-
     law: str = said(
         "pelevin",
         Choice(
@@ -493,6 +480,14 @@ class Passage:
         "passage.velocity",
         cure="0 leaves what velocity says",
     )
+
+    @staticmethod
+    def left_aside(tree: Mapping[str, Any]) -> dict[str, str]:
+        """Keys of version 0.4.0 that a file with another law than bounce may have, and why."""
+        if tree.get("law") == "bounce":
+            return {}
+        gone = ("passing_time", "damping", "lift", "stirring", "calming", "depletion")
+        return dict.fromkeys(gone, "is a constant of an earlier law bounce, not used here")
 
     def __post_init__(self) -> None:
         check_fields(self, "passage")

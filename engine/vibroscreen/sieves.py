@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from vibroscreen.errors import InputError
 from vibroscreen.fields import to_si
+from vibroscreen.lab_text import decoded
 from vibroscreen.units import INCH, MICROMETRE, MM, PERCENT
 
 __all__ = ["Sieves", "read_sieves"]
@@ -78,16 +79,8 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     raw = path.read_bytes()
     if raw.startswith(b"PK"):
         raise InputError("the file is a spreadsheet: save the table as CSV", "sieves")
-    wide = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
-    for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
-        try:
-            text = raw.decode(encoding)
-            break
-        except UnicodeDecodeError:
-            continue
-    else:
-        text = "\0"
-    if "\0" in text:
+    text = decoded(raw)
+    if text is None:
         raise InputError("the file is no text: save the table as CSV", "sieves")
     parted = enumerate((line.split("#")[0].strip() for line in text.splitlines()), start=1)
     return [(number, line) for number, line in parted if line.strip(";,\t ")]

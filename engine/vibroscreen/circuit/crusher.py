@@ -19,14 +19,23 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit, apply, of_designs
+from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit, apply
 from vibroscreen.errors import ConfigError
-from vibroscreen.fields import Entry, Number, as_tuple, from_si, number, said, to_si
+from vibroscreen.fields import (
+    Entry,
+    Number,
+    as_tuple,
+    ascending_pairs,
+    from_si,
+    number,
+    said,
+    to_si,
+)
 from vibroscreen.units import KW, KWH_T, MICROMETRE, MM, T_H
 
 __all__ = ["ConeCrusher", "Crusher", "JawCrusher", "broadbent_callcott", "passing_size"]
@@ -51,28 +60,18 @@ class _Capacity(Entry):
         )
 
     def check(self, name: str, value: Any) -> float | Table:
-        rows = as_tuple(value)
-        if rows is None:
+        if as_tuple(value) is None:
             if isinstance(value, float) and value == math.inf:
                 return value
             return float(_CAPACITY.check(name, value))
-        pairs = [row for row in map(as_tuple, rows) if row is not None and len(row) == 2]
-        if len(rows) < 2 or len(pairs) < len(rows):
-            raise ConfigError(
-                f"{name} = {value!r} is neither a rate nor a table of two or more rows "
-                "(closed-side setting in mm, t/h): give one of them, as the maker's list has it"
-            )
-        table = tuple(
-            (_SETTING.check(f"{name}[{i}].setting", s), _CAPACITY.check(f"{name}[{i}].rate", q))
-            for i, (s, q) in enumerate(pairs, start=1)
+        return ascending_pairs(
+            name,
+            value,
+            ("setting", _SETTING),
+            ("rate", _CAPACITY),
+            "is neither a rate nor a table of two or more rows "
+            "(closed-side setting in mm, t/h): give one of them, as the maker's list has it",
         )
-        for i in range(1, len(table)):
-            if table[i][0] <= table[i - 1][0]:
-                raise ConfigError(
-                    f"{name}[{i + 1}].setting = {_SETTING.text(table[i][0])} is not larger than "
-                    f"the one before, {_SETTING.text(table[i - 1][0])}: sort the rows by setting"
-                )
-        return table
 
     def write(self, value: Any) -> Any:
         if isinstance(value, float):
@@ -111,6 +110,8 @@ class Crusher(Unit):
     source [1]: product = (I - C)(I - B C)^-1 feed. capacity: the most that one machine takes
     [kg/s], at every setting or as a table over it; infinite where none is to limit it.
     """
+
+    has_drive: ClassVar = True
 
     closed_side_setting: float = said(
         dataclasses.MISSING,
@@ -152,11 +153,13 @@ class Crusher(Unit):
         a class. Fragments of the finest class stay in it, so breaking it makes no difference and
         it counts as unbroken.
         """
-        at = self._at(given or {})
-        setting = at("closed_side_setting")
-        unbroken, broken = at("unbroken_ratio") * setting, at("broken_ratio") * setting
+        setting = self.number(given, "closed_side_setting")
+        unbroken = self.number(given, "unbroken_ratio") * setting
+        broken = self.number(given, "broken_ratio") * setting
         size = 0.5 * (edges[:-1] + edges[1:])
-        caught = 1.0 - np.clip((broken - size) / (broken - unbroken), 0.0, 1.0) ** at("exponent")
+        caught = 1.0 - np.clip((broken - size) / (broken - unbroken), 0.0, 1.0) ** self.number(
+            given, "exponent"
+        )
         caught[:, 0] = 0.0
         return np.asarray(caught)
 
@@ -185,8 +188,8 @@ class Crusher(Unit):
         10 W_i (1/sqrt(P80) - 1/sqrt(F80)) with the sizes in micrometres; feed, product: rates by
         class [..., N].
         """
-        at = self._at(given or {})
-        index, idle = at("work_index")[:, 0], at("idle_power")[:, 0]
+        index = self.number(given, "work_index")[:, 0]
+        idle = self.number(given, "idle_power")[:, 0]
         fine, coarse = (passing_size(edges, s) / MICROMETRE for s in (product, feed))
         rate = feed.sum(axis=-1)
         energy = np.where(rate > 0.0, 10.0 * index * (fine**-0.5 - coarse**-0.5), 0.0)
@@ -215,10 +218,6 @@ class Crusher(Unit):
 
     def start(self, edges: Array) -> Running:
         return _Crushing(self, edges)
-
-    def _at(self, given: Given) -> Any:
-        """Numbers of the designs by field, [design, 1]."""
-        return lambda field: of_designs(given.get(field, getattr(self, field)))
 
 
 @dataclass(frozen=True, kw_only=True)

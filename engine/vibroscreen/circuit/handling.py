@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections import deque
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit, of_designs
+from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import number, said
 from vibroscreen.units import GRAVITY, HOUR, KW, T_H, TONNE
@@ -47,7 +48,7 @@ class Splitter(Unit):
     rest: str = said(dataclasses.MISSING, Target("rest"))
 
     def transfers(self, edges: Array, given: Given) -> dict[str, Array]:
-        share = of_designs(given.get("share", self.share)) * np.ones(edges.size - 1)
+        share = self.number(given, "share") * np.ones(edges.size - 1)
         return {"product": share, "rest": 1.0 - share}
 
     def start(self, edges: Array) -> Running:
@@ -61,6 +62,8 @@ class Conveyor(Unit):
     delay: belt length over belt speed [s]; its power is that of the lift [m] over the efficiency,
     and what it draws empty.
     """
+
+    has_drive: ClassVar = True
 
     delay: float = number(
         dataclasses.MISSING,
@@ -80,13 +83,10 @@ class Conveyor(Unit):
 
     def power(self, edges: Array, feed: Array, product: Array, given: Given | None = None) -> Array:
         """Electric power [W]: m g h over the efficiency, and the idle power."""
-        at = {
-            name: (given or {}).get(name, getattr(self, name))
-            for name in ("lift", "efficiency", "idle_power")
-        }
-        return np.asarray(
-            feed.sum(axis=-1) * GRAVITY * at["lift"] / at["efficiency"] + at["idle_power"]
+        lift, efficiency, idle = (
+            self.number(given, name)[:, 0] for name in ("lift", "efficiency", "idle_power")
         )
+        return np.asarray(feed.sum(axis=-1) * GRAVITY * lift / efficiency + idle)
 
     def start(self, edges: Array) -> Running:
         return Belt(self.delay, edges.size - 1)

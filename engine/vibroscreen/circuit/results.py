@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.circuit.crusher import Crusher, passing_size
 from vibroscreen.circuit.flowsheet import Flowsheet
-from vibroscreen.circuit.handling import Bin, Conveyor
+from vibroscreen.circuit.handling import Bin
 from vibroscreen.circuit.screening import ScreenUnit
 from vibroscreen.circuit.steady import (
     CLOSED,
@@ -89,7 +89,7 @@ class CircuitTable:
         """Electric power of every unit that has a drive [design], W."""
         found = dict(self._solution.power)
         for unit in self.flowsheet.units:
-            if isinstance(unit, Crusher | Conveyor):
+            if unit.has_drive:
                 feed, product = self.feed(unit.name), self.stream(unit.name, "product")
                 given = self._columns.given[unit.name]
                 found[unit.name] = unit.power(self.flowsheet.edges, feed, product, given)

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vibroscreen.circuit.crusher import Crusher
 from vibroscreen.circuit.flowsheet import Flowsheet
-from vibroscreen.circuit.handling import Conveyor
 from vibroscreen.circuit.screening import RunningScreen
 from vibroscreen.circuit.unit import Array
 from vibroscreen.errors import InputError
@@ -87,7 +85,7 @@ class RunningCircuit:
                     inflow[target] += left[outlet]
                 else:
                     products += float(left[outlet].sum())
-            if isinstance(unit, Crusher | Conveyor):
+            if unit.has_drive:
                 power = unit.power(sheet.edges, inflow[name], left["product"])
                 self.power[name] = float(np.squeeze(power))
             elif isinstance(running := self.units[name], RunningScreen) and running.result:

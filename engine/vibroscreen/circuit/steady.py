@@ -81,9 +81,9 @@ def columns_of(flowsheet: Flowsheet, values: Mapping[str, ArrayLike]) -> Columns
     given: dict[str, dict[str, Array]] = {unit.name: {} for unit in flowsheet.units}
     own: dict[str, dict[str, Array]] = {feed.name: {} for feed in flowsheet.feeds}
     refused: dict[int, str] = {}
+    known = _names(flowsheet)
     for full, column in columns.items():
         name, _, field_name = full.partition(".")
-        known = _names(flowsheet)
         if full not in known:
             raise InputError(
                 f"{full} is not a number of this circuit that may differ between designs: the "

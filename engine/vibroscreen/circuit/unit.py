@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,6 +70,17 @@ class Unit(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """Its fields: what was found of them is found again where it is unpickled."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    has_drive: ClassVar = False
+
+    def power(self, edges: Array, feed: Array, product: Array, given: Given | None = None) -> Array:
+        """Electric power under a feed and its product [..., N; kg/s], W; 0 without a drive."""
+        return np.zeros(feed.shape[:-1])
+
+    def number(self, given: Given | None, field: str) -> Array:
+        """A number of every design [design, 1], or the one of all [1, 1]."""
+        own = getattr(self, field)
+        return of_designs(own if given is None else given.get(field, own))
 
     @abstractmethod
     def transfers(self, edges: Array, given: Given) -> dict[str, Array]:

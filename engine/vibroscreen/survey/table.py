@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vibroscreen.errors import InputError
+from vibroscreen.lab_text import decoded
 
 __all__ = ["Row", "Table", "number", "read_tables"]
 
@@ -92,16 +93,10 @@ Grid = list[tuple[str, list[str]]]
 
 
 def _text(raw: bytes) -> str:
-    """The text of a file, in the encoding that its bytes say."""
-    wide = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
-    for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
-        try:
-            text = raw.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text
-    raise InputError("the file is no text and no XLSX: save the table as one of them", "survey")
+    text = decoded(raw)
+    if text is None:
+        raise InputError("the file is no text and no XLSX: save the table as one of them", "survey")
+    return text
 
 
 def _lines(text: str) -> tuple[Grid, bool]:

@@ -92,7 +92,7 @@ class UnitModel:
             yield from _stream(outlet, f"What leaves as {outlet}", "output", inlet)
 
     def _rest(self) -> Iterator[Port]:
-        if isinstance(self.unit, Crusher | Conveyor):
+        if self.unit.has_drive:
             yield _port("drive.power", "W", "Electric power of the drive", "output")
         if isinstance(self.unit, Conveyor | Bin):
             yield _port("held.mass", "kg", "What lies inside", "output")
@@ -204,7 +204,7 @@ class UnitSlave(RowSlave):
             self._put(f"{outlet}.mass_flow_rate", total)
             if total > 0.0:
                 self._values[self._fractions(outlet)] = rates / total
-        if isinstance(unit, Crusher | Conveyor):
+        if unit.has_drive:
             self._put(
                 "drive.power", float(np.squeeze(unit.power(self._edges, feed, left["product"])))
             )
