@@ -381,13 +381,10 @@ MODEL_EXCHANGE = (
 )
 
 
-def test_the_fmu_is_small_and_the_same_every_time(
-    built: Callable[[str], Built], tmp_path: Path
-) -> None:
+def test_the_fmu_is_the_same_every_time(built: Callable[[str], Built], tmp_path: Path) -> None:
     one = write_native_fmu(built("default").config, tmp_path / "one", [HOST])
     two = write_native_fmu(built("default").config, tmp_path / "two", [HOST])
     assert one.read_bytes() == two.read_bytes()
-    assert one.stat().st_size < 300_000
     # Another screen has the same library.
     other = zipfile.ZipFile(write_native_fmu(built("banana").config, tmp_path / "other", [HOST]))
     name = f"binaries/{HOST}/{built('banana').library.name}"

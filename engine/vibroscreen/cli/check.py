@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
-import vibroscreen
 from vibroscreen.cli.options import Json, ScreenFile, Set, Strict, end, load
 from vibroscreen.cli.solved import calibration, described, rests_on
-from vibroscreen.cli.terminal import say, table
+from vibroscreen.cli.terminal import say, say_json, table
 from vibroscreen.practice import AMBER, GREEN, RED, findings, worst
 from vibroscreen.screen import Screen
 
@@ -32,19 +29,14 @@ def command(
     steady = Screen(config).solve_steady()
     found = findings(steady)
     if as_json:
-        print(
-            json.dumps(
-                {
-                    "version": vibroscreen.__version__,
-                    "name": config.name,
-                    "level": worst(found),
-                    "findings": [vars(finding) for finding in found],
-                    "calibration": calibration(config),
-                    "alarms": list(steady.alarms),
-                },
-                indent=1,
-                ensure_ascii=False,
-            )
+        say_json(
+            {
+                "name": config.name,
+                "level": worst(found),
+                "findings": [vars(finding) for finding in found],
+                "calibration": calibration(config),
+                "alarms": list(steady.alarms),
+            }
         )
     else:
         say(f"No errors. {config.name}: {described(config)}", "bold")

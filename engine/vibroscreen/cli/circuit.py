@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-import vibroscreen
 from vibroscreen.circuit import CircuitTable, Flowsheet, solve_circuit
 from vibroscreen.circuit.results import CLOSED
 from vibroscreen.cli.options import Json, Strict, end
-from vibroscreen.cli.terminal import say, table
+from vibroscreen.cli.terminal import finite, say, say_json, table
 from vibroscreen.units import KW, KWH_T, PERCENT, T_H
 
 EXAMPLES = """vibroscreen circuit circuit.toml
@@ -32,8 +30,7 @@ def command(
     found = solve_circuit(sheet)
     reason = found.reason.get(0, "")
     if as_json:
-        told = {"version": vibroscreen.__version__, "name": sheet.name, **_told(found)}
-        print(json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False))
+        say_json({"name": sheet.name, **_told(found)})
     else:
         say(f"{sheet.name}: {found.status[0]}", "bold")
         if reason:
@@ -78,19 +75,16 @@ def _print(found: CircuitTable) -> None:
 def _told(found: CircuitTable) -> dict[str, Any]:
     """The result for machines; None for what there is nothing of."""
 
-    def plain(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
     def stream(rates: Any) -> list[float | None]:
-        return [plain(rate / T_H) for rate in rates[0]]
+        return [finite(rate / T_H) for rate in rates[0]]
 
     sheet = found.flowsheet
     return {
         "status": str(found.status[0]),
         "reason": found.reason.get(0, ""),
         "edges_mm": [edge * 1000 for edge in sheet.size_classes.edges],
-        "circulating_load_percent": plain(found.circulating_load[0] / PERCENT),
-        "energy_kwh_t": plain(found.energy[0] / KWH_T),
+        "circulating_load_percent": finite(found.circulating_load[0] / PERCENT),
+        "energy_kwh_t": finite(found.energy[0] / KWH_T),
         "feeds_t_h": {name: stream(found.feed(name)) for name in sheet.unit},
         "outlets_t_h": {
             f"{unit.name}.{outlet}": stream(found.stream(unit.name, outlet))
@@ -98,5 +92,5 @@ def _told(found: CircuitTable) -> dict[str, Any]:
             for outlet in unit.targets
         },
         "products_t_h": {p.name: stream(found.product(p.name)) for p in sheet.products},
-        "power_kw": {name: plain(power[0] / KW) for name, power in found.power.items()},
+        "power_kw": {name: finite(power[0] / KW) for name, power in found.power.items()},
     }

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import pandas as pd
 import typer
 
-import vibroscreen
 from vibroscreen.cli.options import Json, Plot
-from vibroscreen.cli.terminal import picture, progress, say, table, written
+from vibroscreen.cli.terminal import picture, progress, row_of, say, say_json, table, written
 from vibroscreen.design import Found, Search, search
 from vibroscreen.report.pictures import COLOURS, styled
 
@@ -57,14 +54,13 @@ def command(
         picture(_drawn(found), plot)
     if as_json:
         told = {
-            "version": vibroscreen.__version__,
             "name": what.name,
             "evaluations": found.evaluations,
             "why": found.why,
             "binding": list(found.binding),
-            "best": [_plain(row) for _, row in found.best.iterrows()],
+            "best": [row_of(row.to_dict()) for _, row in found.best.iterrows()],
         }
-        print(json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False))
+        say_json(told)
     else:
         _print(found)
     if found.best.empty:
@@ -109,16 +105,6 @@ def _print(found: Found) -> None:
             ],
             left=2,
         )
-
-
-def _plain(row: pd.Series[Any]) -> dict[str, object]:
-    """A row as JSON takes it."""
-    return {
-        str(name): value
-        if isinstance(value, str | bool)
-        else (float(value) if np.isfinite(float(value)) else None)
-        for name, value in row.items()
-    }
 
 
 def _drawn(found: Found) -> Figure:

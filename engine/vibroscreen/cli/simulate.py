@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -13,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-import vibroscreen
 from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, end, load, one_format
 from vibroscreen.cli.solved import labels_of, two_lines
-from vibroscreen.cli.terminal import picture, progress, say, table
+from vibroscreen.cli.terminal import picture, progress, say, say_json, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.report.pictures import COLOURS, DASHES, FEED, STEEL, deck_name, styled
 from vibroscreen.results import StepResult
@@ -74,8 +72,7 @@ def command(
             steps = [result]
     alarms = _alarms(rows)
     if as_json:
-        document = {"version": vibroscreen.__version__, "name": config.name, "rows": rows}
-        print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+        say_json({"name": config.name, "rows": rows})
     elif as_csv:
         _write_csv(rows)
     else:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-import vibroscreen
 from vibroscreen.cli.options import Json, ScreenFile, Set, load
-from vibroscreen.cli.terminal import say, table, written
+from vibroscreen.cli.terminal import finite, say, say_json, table, written
 from vibroscreen.size import choose
 from vibroscreen.sizing_rules import rules_of
 from vibroscreen.units import KN, KW
@@ -48,7 +46,6 @@ def command(
         written(output)
     if as_json:
         told = {
-            "version": vibroscreen.__version__,
             "name": found.config.name,
             "width_m": deck.width,
             "length_m": deck.length,
@@ -57,11 +54,11 @@ def command(
             "drive_power_kw": steady.drive_power / KW,
             "exciter_force_kn": steady.exciter_force / KN,
             "support_force_kn": found.support_force / KN,
-            "vsma_area_m2": found.vsma_area,
+            "vsma_area_m2": finite(found.vsma_area),
             "beside_vsma": found.beside_vsma,
-            "karra_recovery": [float(r.karra_recovery) for r in rules_of(found.config)],
+            "karra_recovery": [finite(r.karra_recovery) for r in rules_of(found.config)],
         }
-        print(json.dumps(told, indent=1, ensure_ascii=False))
+        say_json(told)
         return
     say(f"{config.name}: {deck.width:g} x {deck.length:g} m for {efficiency:.0%}", "bold")
     say()

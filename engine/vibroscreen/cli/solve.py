@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
@@ -20,7 +19,7 @@ from vibroscreen.cli.solved import (
     streams_of,
     two_lines,
 )
-from vibroscreen.cli.terminal import picture, say, table
+from vibroscreen.cli.terminal import picture, say, say_json, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.screen import Screen
 from vibroscreen.sizing_rules import rules_of
@@ -46,7 +45,7 @@ def command(
     config = load(screen, changes)
     steady = Screen(config).solve_steady()
     if as_json:
-        print(json.dumps(document(steady), indent=1, ensure_ascii=False, allow_nan=False))
+        say_json(document(steady))
     elif as_csv:
         csv.writer(sys.stdout, lineterminator="\n").writerows(rows(steady))
     else:

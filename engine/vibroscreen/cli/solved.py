@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vibroscreen
+from vibroscreen.cli.terminal import finite
 from vibroscreen.config import ScreenConfig
 from vibroscreen.fields import from_si
 from vibroscreen.figures import ALARMS, DECK, BoxFigures, Figure, figures_of
@@ -148,12 +149,12 @@ def document(steady: SteadyResult) -> dict[str, Any]:
     fed = steady.feed.mass_flow_rate
     streams = {
         name: {
-            "rate_t_h": _number(stream.rate / T_H),
-            "share_of_feed": _number(stream.rate / fed),
-            "p80_mm": _number(stream.p80 / MM),
-            "p50_mm": _number(stream.p50 / MM),
-            "mass_fraction": [_number(value) for value in stream.fraction],
-            "passing": [_number(value) for value in stream.passing],
+            "rate_t_h": finite(stream.rate / T_H),
+            "share_of_feed": finite(stream.rate / fed),
+            "p80_mm": finite(stream.p80 / MM),
+            "p50_mm": finite(stream.p50 / MM),
+            "mass_fraction": [finite(value) for value in stream.fraction],
+            "passing": [finite(value) for value in stream.passing],
         }
         for name, stream in streams_of(steady).items()
     }
@@ -163,7 +164,7 @@ def document(steady: SteadyResult) -> dict[str, Any]:
         "name": config.name,
         "edges_mm": [from_si(edge, MM) for edge in config.size_classes.edges],
         "streams": streams,
-        "recovery": [_number(value) for value in steady.recovery],
+        "recovery": [finite(value) for value in steady.recovery],
         "decks": [
             {
                 "deck": deck.deck,
@@ -189,13 +190,9 @@ def calibration(config: ScreenConfig) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _figures(result: object, figures: Iterable[Figure]) -> dict[str, float | None]:
     return {
-        key_of(figure): _number(getattr(result, figure.scalar) / UNITS[figure.unit][1])
+        key_of(figure): finite(getattr(result, figure.scalar) / UNITS[figure.unit][1])
         for figure in figures
     }
 
@@ -208,7 +205,7 @@ def _rules(rules: Rules) -> dict[str, Any]:
         rules.cut_size / MM,
         rules.karra_recovery,
     )
-    told = dict(zip(RULES, map(_number, values), strict=True))
+    told = dict(zip(RULES, map(finite, values), strict=True))
     return {**told, "beyond": list(rules.beyond)}
 
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import typer
 
-import vibroscreen
 from vibroscreen.circuit import solve_circuit
 from vibroscreen.circuit.results import CLOSED
 from vibroscreen.cli.options import Json, Plot
-from vibroscreen.cli.terminal import picture, progress, say, table, tell, written
+from vibroscreen.cli.terminal import picture, progress, row_of, say, say_json, table, tell, written
 from vibroscreen.study import Study, collect, run, settle
 from vibroscreen.study.pictures import ENERGY, best_of, draw_study
 
@@ -84,13 +82,14 @@ def command(
         picture(draw_study(plan, found), plot)
     if as_json:
         told = {
-            "version": vibroscreen.__version__,
             "name": plan.name,
             "designs": len(found),
             "status": found["status"].value_counts().to_dict(),
-            "best": None if best is None else {"design": best, **_plain(found.iloc[best])},
+            "best": None
+            if best is None
+            else {"design": best, **row_of(found.iloc[best].to_dict())},
         }
-        print(json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False))
+        say_json(told)
         return
     say(f"{plan.name}: {len(found)} designs of {plan.circuit.name}", "bold")
     say()
@@ -128,14 +127,6 @@ def _tell_status(found: pd.DataFrame) -> None:
 
 def _shown(value: object) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def _plain(row: pd.Series[Any]) -> dict[str, object]:
-    """A row as JSON takes it."""
-    return {
-        str(name): (float(v) if np.isfinite(v) else None) if isinstance(v, float) else str(v)
-        for name, v in row.items()
-    }
 
 
 def _part(text: str) -> tuple[int, int]:

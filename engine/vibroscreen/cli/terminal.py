@@ -6,17 +6,20 @@ not: a file gets what a person sees, but for the colours.
 
 from __future__ import annotations
 
+import json
+import math
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+import vibroscreen
 from vibroscreen.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,9 +27,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Advance",
+    "finite",
     "picture",
     "progress",
+    "row_of",
     "say",
+    "say_json",
     "table",
     "tell",
     "tell_error",
@@ -52,6 +58,25 @@ def _text(text: str, style: str = "") -> Text:
 def say(text: str = "", style: str = "") -> None:
     """Print a line of the result, wrapped between words."""
     _console().print(_text(text, style))
+
+
+def say_json(document: Mapping[str, Any]) -> None:
+    """Print a result for machines, with the version that found it."""
+    whole = {"version": vibroscreen.__version__, **document}
+    print(json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON takes it: None for what is none."""
+    return float(value) if math.isfinite(value) else None
+
+
+def row_of(row: Mapping[Hashable, Any]) -> dict[str, str | bool | float | None]:
+    """A row of a table as JSON takes it."""
+    return {
+        str(name): value if isinstance(value, str | bool) else finite(value)
+        for name, value in row.items()
+    }
 
 
 def tell(text: str, style: str = "") -> None:

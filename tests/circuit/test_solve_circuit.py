@@ -56,17 +56,6 @@ oversize = "{over}"
 """
 
 
-def sharp(sheet: Flowsheet, tolerance: float = 1e-6) -> Flowsheet:
-    """A flowsheet whose screens are solved at a tolerance."""
-    units = tuple(
-        dataclasses.replace(u, config=u.config.with_values({"solver.tolerance": tolerance}))
-        if isinstance(u, ScreenUnit)
-        else u
-        for u in sheet.units
-    )
-    return dataclasses.replace(sheet, units=units)
-
-
 def balances(table: CircuitTable) -> None:
     """Mass of all units that hold their sizes, by class, and of the whole, to round-off."""
     sheet, good = table.flowsheet, np.isfinite(table.circulating_load)
@@ -99,7 +88,7 @@ def by_substitution(sheet: Flowsheet) -> float:
 
 def test_the_closed_circuit_is_that_of_plain_substitution_and_of_the_dynamic_run() -> None:
     """All three find one load; the dynamic run is stepped until it has settled."""
-    sheet = sharp(Flowsheet.load(CLOSED))
+    sheet = Flowsheet.load(CLOSED).with_tolerance(1e-6)
     table = solve_circuit(sheet, tolerance=1e-9)
     assert table.status == ["closed"]
     balances(table)
