@@ -3,16 +3,14 @@
 import math
 
 from vibroscreen.compiler.elementary import tan
-from vibroscreen.compiler.language import kernel, numbers, record, view1, view2
+from vibroscreen.compiler.language import kernel, numbers, record
 from vibroscreen.kernels.library import entry
 from vibroscreen.kernels.numerics import vectors
 from vibroscreen.kernels.physics import motion, rigid_body
 
-# the bed needs no edges: their place holds what it needs
-SWING_STEPS = 200
-STEP = 2.0 * math.pi / SWING_STEPS
-SWING = motion.EDGE  # [SWING_STEPS, 2] velocity that the deck gains in a step, along and normal
+STEP = 2.0 * math.pi / motion.SWING_STEPS
 SETTLING_PERIODS = 64
+REPEATS = 1e-9  # change of height and rise over a cycle
 BED_THROW = 4.5  # throw number up to which the bed was checked
 # softness of landing [1], damping [1], friction of shaken grains [1], drag [s/m]: first and third
 # fitted to particle simulations (engine/validation/bed_velocity.py), the others round
@@ -21,30 +19,63 @@ BED_CONSTANTS = (1.34, 2.0, 0.565, 0.08)
 
 @kernel
 def _set_swing(work):
-    """Velocity that the deck gains along and normal in each of SWING_STEPS steps of a period."""
-    wave, swing = motion.wave_of(work), view2(work, SWING, SWING_STEPS, 2)
-    along, normal, _, _ = motion.wave_at(wave, 0.0, 1)
-    for k in range(SWING_STEPS):
-        phase = 2.0 * math.pi * (k + 1) / SWING_STEPS
-        next_along, next_normal, _, _ = motion.wave_at(wave, phase, 1)
-        swing[k, 0], swing[k, 1] = next_along - along, next_normal - normal
-        along, normal = next_along, next_normal
+    """How the deck moves in each of SWING_STEPS steps of a period."""
+    wave, travel, rise = motion.wave_of(work), 0.0, 0.0
+    for k in range(motion.SWING_STEPS):
+        deck = motion.swung_of(work, k)
+        deck.along, deck.normal, _, _ = motion.wave_at(wave, STEP * (k + 1), 1)
+        travel += STEP * deck.along
+        rise += STEP * deck.normal
+        deck.travel, deck.rise = travel, rise
 
 
 @kernel
-def _press(height, rise, gain, landing, damping):
+def _swung_before(work, step):
+    """Velocity and sums of the deck where a step begins: along, normal, travel, rise."""
+    deck = motion.swung_of(work, step - 1 if step > 0 else motion.SWING_STEPS - 1)
+    if step == 0:
+        return deck.along, deck.normal, 0.0, 0.0
+    return deck.along, deck.normal, deck.travel, deck.rise
+
+
+@kernel
+def _stiff(work, landing):
+    """The time for which the velocity of the bed counts beside its height in what presses it."""
+    return 2.0 * work[motion.CONSTANT + 1] * landing + STEP
+
+
+@kernel
+def _fly(work, first, height, rise, stiff):
+    """Steps from `first` on in which nothing presses the bed, and its height and rise after them.
+
+    At most to the end of the period. The bed falls freely meanwhile, so that no step needs the one
+    before: with w steps at a velocity v it comes to STEP (w v - STEP w (w + 1)/2) higher.
+    `stiff`: see `_stiff`.
+    """
+    _, normal, _, level = _swung_before(work, first)
+    start, launch = height + level, rise + normal
+    flown = 0
+    while first + flown < motion.SWING_STEPS:
+        deck = motion.swung_of(work, first + flown)
+        free = launch - STEP * (flown + 1) - deck.normal
+        if height + STEP * min(rise, 0.0) < 0.0 and height + stiff * free < 0.0:
+            break
+        flown += 1
+        rise = free
+        height = start + STEP * flown * (launch - 0.5 * STEP * (flown + 1)) - deck.rise
+    return flown, height, rise
+
+
+@kernel
+def _press(height, rise, gain, landing, stiff):
     """Contact force on the bed in a step of backward Euler, then its height and rise after it.
 
     The bed pushes with spring and damper of the landing time and cannot pull; `gain` is what the
     deck gains in normal velocity.
     """
     free = rise - STEP - gain
-    force = 0.0
-    if height + STEP * min(rise, 0.0) < 0.0:
-        resistance = (2.0 * damping + STEP / landing) / landing
-        spring = height / (landing * landing)
-        slowed = (free - STEP * spring) / (1.0 + STEP * resistance)
-        force = max(0.0, -resistance * slowed - spring)
+    softness = landing * landing
+    force = max(0.0, -(height + stiff * free) / (softness + STEP * stiff))
     rise = free + STEP * force
     return force, height + STEP * rise, rise
 
@@ -84,47 +115,74 @@ def _ride(work, periods, share, slope, landing, grip, drag):
     Returns the derivative of the slip velocity at the end in that at the start; travel, time in the
     air, flights and loss are those of these periods.
     """
-    body = motion.body_of(work)
-    damping = work[motion.CONSTANT + 1]
-    rate = (1.0 - work[motion.ROLLS]) * damping / landing
+    body, stiff = motion.body_of(work), _stiff(work, landing)
+    rate = (1.0 - work[motion.ROLLS]) * work[motion.CONSTANT + 1] / landing
     rigid_body.clear_sums(body)
-    height, rise, slip = body.height, body.rise, body.slip
-    memory = 1.0
-    for k in range(periods * SWING_STEPS):
-        gain = view1(work, SWING + 2 * (k % SWING_STEPS), 2)
-        flies, fast, fell = body.flying, slip, rise
-        force, height, rise = _press(height, rise, gain[1], landing, damping)
-        body.flying = 1.0 if force == 0.0 else 0.0
-        body.airborne += STEP * body.flying
-        body.flights += 1.0 if body.flying > flies else 0.0
-        free = slip + STEP * slope - gain[0]
-        drop, change = _drag(free, share * force, rate, grip, drag)
-        slip = free - STEP * drop
-        memory *= 1.0 - STEP * change
-        body.travel += STEP * slip
-        # with mean velocities of a step the deck's work is exactly what is lost less gravity's
-        body.loss += 0.5 * STEP * (drop * (slip + fast) - force * (rise + fell))
+    height, rise, slip, memory = body.height, body.rise, body.slip, 1.0
+    for _ in range(periods):
+        step = 0
+        while step < motion.SWING_STEPS:
+            along, normal, travel, _ = _swung_before(work, step)
+            flown, height, rise = _fly(work, step, height, rise, stiff)
+            if flown > 0:
+                step += flown
+                deck, launch, time = motion.swung_of(work, step - 1), slip + along, STEP * flown
+                slip = launch + slope * time - deck.along
+                far = time * (launch + 0.5 * slope * (time + STEP))
+                body.travel += far - (deck.travel - travel)
+                body.airborne += time
+                body.flights += 1.0 - body.flying
+                body.flying = 1.0
+            else:
+                deck, fast, fell = motion.swung_of(work, step), slip, rise
+                step += 1
+                force, height, rise = _press(height, rise, deck.normal - normal, landing, stiff)
+                free = slip + STEP * slope - (deck.along - along)
+                drop, change = _drag(free, share * force, rate, grip, drag)
+                slip = free - STEP * drop
+                memory *= 1.0 - STEP * change
+                body.travel += STEP * slip
+                body.flying = 0.0
+                # with mean velocities of a step the deck's work is what is lost less gravity's
+                body.loss += 0.5 * STEP * (drop * (slip + fast) - force * (rise + fell))
     body.height, body.rise, body.slip = height, rise, slip
     return memory
+
+
+@kernel
+def _land(work, landing):
+    """Follow the bed off the deck through a period, in its height, rise and whether it flies."""
+    body, stiff = motion.body_of(work), _stiff(work, landing)
+    height, rise, step = body.height, body.rise, 0
+    while step < motion.SWING_STEPS:
+        flown, height, rise = _fly(work, step, height, rise, stiff)
+        step += flown
+        body.flying = 1.0
+        if step < motion.SWING_STEPS:
+            _, normal, _, _ = _swung_before(work, step)
+            gain = motion.swung_of(work, step).normal - normal
+            _, height, rise = _press(height, rise, gain, landing, stiff)
+            step += 1
+            body.flying = 0.0
+    body.height, body.rise = height, rise
 
 
 @kernel
 def _settle_landing(work, landing, longer):
     """Follow the bed off the deck until its state repeats; the number of periods to measure.
 
-    1, or `longer` where landings do not repeat every period.
+    Those after which it repeats (Brent's search for a cycle), or `longer` where it does not.
     """
-    body, swing = motion.body_of(work), view2(work, SWING, SWING_STEPS, 2)
-    damping = work[motion.CONSTANT + 1]
-    for _ in range(SETTLING_PERIODS):
-        height, rise = body.height, body.rise
-        for k in range(SWING_STEPS):
-            force, height, rise = _press(height, rise, swing[k, 1], landing, damping)
-        moved = abs(height - body.height) + abs(rise - body.rise)
-        body.height, body.rise = height, rise
-        body.flying = 1.0 if force == 0.0 else 0.0
-        if moved < 1e-9:
+    body, marked, height, rise = motion.body_of(work), 0, 0.0, 0.0
+    for period in range(1, SETTLING_PERIODS + 1):
+        last_height, last_rise = body.height, body.rise
+        _land(work, landing)
+        if abs(body.height - last_height) + abs(body.rise - last_rise) < REPEATS:
             return 1
+        if abs(body.height - height) + abs(body.rise - rise) < REPEATS:
+            return period - marked
+        if period >= 2 * marked:
+            marked, height, rise = period, body.height, body.rise
     return longer
 
 

@@ -17,6 +17,8 @@ RESULT = Record("velocity spread airborne flights dissipation throw status")
 PLACE = Record("phase along along_rate normal normal_rate")
 # measured: whether losses count; least: slip velocity within the period, 0 if it sticks or turns
 BODY = Record(*PLACE, "slip height rise flying travel airborne flights loss measured least")
+# Velocity of the deck along and normal, and the sums of both over the steps so far, times the step.
+SWUNG = Record("along normal travel rise")
 # Acceleration of the body: a constant, and parts of xi'' and eta''.
 LAW = Record("constant", "along", "normal")
 # Offsets in the work array.
@@ -31,11 +33,14 @@ ORDER = PAST + 12  # highest order
 EDGES = ORDER + 1  # number of edges in use
 CONSTANT = EDGES + 1  # what the bed has beyond the rigid body, in the order of BED_CONSTANTS
 ROLLS = CONSTANT + 4  # share of the grip that rolling takes
-WORK_SIZE = CONSTANT + 5
+SWING_STEPS = 200
+SWING = ROLLS + 1  # [SWING_STEPS, 4] the deck at the end of every step of a period (SWUNG)
+WORK_SIZE = SWING + 4 * SWING_STEPS
 # The body on the deck: where it is in the period, how it moves, and its sums.
 body_of, place_of = record_at(BODY_AT, BODY), record_at(PLACE_AT, PLACE)
 law_of, edge_of = record_in(LAWS, LAW, 3), record_in(EDGE, PLACE, 8)
 node_of = record_in(NODE, PLACE, 5)
+swung_of = record_in(SWING, SWUNG, 4)
 
 
 @kernel
