@@ -293,7 +293,7 @@ function curves(seen) {
 }
 
 // Pictures on the part of the page that people see follow every move, the others once it rests.
-const inView = new Set(Object.keys(SCREEN.lines));
+const there = new Set(), inView = new Set();
 const watcher = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries)
     inView[isIntersecting ? "add" : "delete"](target.id.replace("picture-", ""));
@@ -307,7 +307,7 @@ function draw(seen, everything = false) {
   const now = curves(seen), before = kept ? curves(kept.seen) : {};
   const most = (...parts) => Math.max(...parts.flat().flatMap((one) => one[1]));
   for (const [picture, names] of Object.entries(SCREEN.lines)) {
-    if (!everything && !inView.has(picture)) continue;
+    if (!there.has(picture) || !(everything || inView.has(picture))) continue;
     names.forEach((name, k) => {
       line(`${picture}: ${name}`, now[picture][k]);
       if (picture !== "time") line(`${picture}: ${name}, kept`, before[picture]?.[k]);
@@ -604,19 +604,28 @@ function listen() {
   });
 }
 
+async function put([name, picture]) {
+  await Bokeh.embed.embed_item(picture, `picture-${name}`);
+  there.add(name);
+  inView.add(name);
+  watcher.observe(byId(`picture-${name}`));
+}
+
 async function start() {
-  const pictures = JSON.parse(byId("drawn").textContent);
-  const drawn = Object.entries(pictures).map(async ([name, item]) => {
-    await Bokeh.embed.embed_item(item, `picture-${name}`);
-    watcher.observe(byId(`picture-${name}`));
-  });
-  await Promise.all([load(), ...drawn]);
+  const [first, ...others] = Object.entries(JSON.parse(byId("drawn").textContent));
+  await Promise.all([load(), put(first)]);
   passing = sums(SCREEN.fractions);
   passing[CLASSES] = 1;
   showPassing();
   initial = fields();
   listen();
   renew();
+  requestAnimationFrame(() => setTimeout(() => performance.mark("first picture")));
+  for (const one of others) {
+    await new Promise((done) => setTimeout(done, 20)); // the browser paints what is there
+    await put(one);
+  }
+  if (shown) draw(shown, true);
 }
 
 const ready = start().catch((error) => {
