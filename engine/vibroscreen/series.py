@@ -1,18 +1,8 @@
 """What a plant did through time: feed and motion from a table, and a screen that goes through it.
 
-A row holds from its time on until the next one. Columns, in any order, separated by semicolons,
-tabs or commas (decimals may stand behind a comma where commas do not separate); from # on is
-comment:
-
-    time_s, time_min, time_h    time since any moment; or
-    time                        date and time, as 2024-05-01 06:00:00
-    rate_t_h                    feed of dry solids
-    passing_16_mm               of the feed, finer than 16 mm, one for every limit of the classes
-                                but 0 and the largest; in per cent or parts of one
-    frequency_hz, stroke_mm, throw_angle_deg, ellipticity       motion
-
-Keys may have another unit that is known, as frequency_rpm. What is not given is that of the screen;
-an empty cell is as in the row before.
+A row holds from its time on until the next one. Columns (columns.py), in any order, separated by
+semicolons, tabs or commas (decimals may stand behind a comma where commas do not separate); from #
+on is comment. What is not given is that of the screen; an empty cell is as in the row before.
 """
 
 from __future__ import annotations
@@ -20,7 +10,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -29,30 +18,18 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+from vibroscreen.columns import MOST, STAMP, TIMES, input_column, passing_columns
 from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import ConfigError, InputError
-from vibroscreen.fields import Number, entries, from_si, nearest
-from vibroscreen.keys import reading
 from vibroscreen.motion import Motion
 from vibroscreen.results import StepResult
 from vibroscreen.screen import Screen
 from vibroscreen.stream import Feed, fractions_of_passing
-from vibroscreen.units import HOUR, MINUTE, MM, PERCENT
+from vibroscreen.units import KW, MM, PERCENT, T_H
 
-__all__ = ["Moment", "Series", "read_series", "run_series"]
+__all__ = ["Moment", "Series", "figures_of_step", "read_series", "run_series"]
 
-TIMES = {"time_s": 1.0, "time_min": MINUTE, "time_h": HOUR}
-STAMP = "time"
-PASSING = re.compile(r"passing_(\d+(?:\.\d+)?)_mm")
-INPUTS: dict[str, tuple[str, Number]] = {
-    entry.key: (name, entry)
-    for kind in (Feed, Motion)
-    for name, entry in entries(kind).items()
-    if isinstance(entry, Number)
-}
 MOST_STEPS = 1e7
-# Shares of a passing that are larger are per cent.
-MOST = 1.5
 
 
 class Moment(NamedTuple):
@@ -156,25 +133,9 @@ class _Columns:
         if twice := {name for name in head if head.count(name) > 1}:
             raise InputError(f"series: the column {min(twice)!r} is there twice: leave one")
         self._time = times[0]
-        self._passing: dict[int, str] = {}
-        self._inputs: dict[str, tuple[str, str, Number]] = {}
-        edges = [from_si(edge, MM) for edge in config.size_classes.edges]
-        for name in head:
-            if (match := PASSING.fullmatch(name)) is not None:
-                size = float(match[1])
-                if size not in edges:
-                    raise InputError(
-                        f"{name}: the screen has no limit of classes at {size:g} mm: it has "
-                        f"{', '.join(f'{edge:g}' for edge in edges)} mm"
-                    )
-                self._passing[edges.index(size)] = name
-            elif name != self._time:
-                self._inputs[name] = _input(name)
-        inner = range(1, len(edges) - 1)
-        missing = [f"passing_{edges[k]:g}_mm" for k in inner if k not in self._passing]
-        if self._passing and missing:
-            raise InputError(f"series: the column {missing[0]} is missing: give all inner limits")
-        self._inner = inner
+        self._passing = [*passing_columns(head, config.size_classes.edges).values()]
+        others = (name for name in head if name != self._time and name not in self._passing)
+        self._inputs = [input_column(name) for name in others]
 
     def _number(self, name: str, text: str) -> float:
         if self.decimal_comma:
@@ -202,22 +163,17 @@ class _Columns:
 
     def _values(self, row: Row, kind: type) -> dict[str, Any]:
         """Fields of a feed or a motion that the row gives [SI]."""
-        found: dict[str, Any] = {}
-        for column, (name, field, entry) in self._inputs.items():
-            if field in entries(kind) and row[column]:
-                value = self._number(column, row[column])
-                other = None if name == entry.key else entry.converted(name, value)
-                si = entry.read(column, value if other is None else other[0], Path())
-                with reading(ScreenConfig, {}):
-                    found[field] = entry.check(column, si)
-        return found
+        return {
+            column.field: column.read(self._number(column.name, row[column.name]))
+            for column in self._inputs
+            if column.kind is kind and row[column.name]
+        }
 
     def feed(self, row: Row, before: Feed) -> Feed:
         """The feed of a row."""
         changes = self._values(row, Feed)
-        texts = [row[self._passing[k]] for k in self._inner] if self._passing else []
-        if any(texts):
-            shares = [self._number(self._passing[k], row[self._passing[k]]) for k in self._inner]
+        if any(row[name] for name in self._passing):
+            shares = [self._number(name, row[name]) for name in self._passing]
             scale = PERCENT if max(shares) > MOST else 1.0
             finer = [0.0, *(share * scale for share in shares), 1.0]
             changes["mass_fraction"] = fractions_of_passing(finer)
@@ -227,16 +183,6 @@ class _Columns:
         """The motion of a row."""
         changes = self._values(row, Motion)
         return dataclasses.replace(before, **changes) if changes else before
-
-
-def _input(column: str) -> tuple[str, str, Number]:
-    """The key of a column, and the field that it gives."""
-    name = column.removeprefix("feed.").removeprefix("motion.")
-    for field, entry in INPUTS.values():
-        if name == entry.key or entry.converted(name, 1.0) is not None:
-            return name, field, entry
-    near = nearest(name, [*TIMES, STAMP, *INPUTS, "passing_16_mm"])
-    raise InputError(f"series: the column {column!r} is unknown: did you mean {near!r}?")
 
 
 # --- the run -------------------------------------------------------------------------------------
@@ -282,3 +228,19 @@ def run_series(
             yield then, result
             if progress is not None:
                 progress(then, end)
+
+
+def figures_of_step(result: StepResult) -> dict[str, float]:
+    """What a step gave, in the units of the keys: means over it, and the state at its end."""
+    between = {f"intermediate[{k}]": s for k, s in enumerate(result.intermediate, start=1)}
+    streams = {"oversize": result.oversize, **between, "undersize": result.undersize}
+    row = {"feed_t_h": result.decks[0].feed_rate / T_H}
+    row.update({f"{name}_t_h": stream.mass_flow_rate / T_H for name, stream in streams.items()})
+    for deck in result.decks:
+        row[f"deck[{deck.deck}].efficiency"] = deck.efficiency
+        row[f"deck[{deck.deck}].depth_discharge_mm"] = deck.depth_discharge / MM
+    row["undersize_p80_mm"] = result.undersize_p80 / MM
+    row["hold_up_kg"] = result.hold_up
+    row["drive_power_kw"] = result.drive_power / KW
+    row["balance_error_kg"] = result.balance_error
+    return row

@@ -47,7 +47,8 @@ def test_files_are_there(page: str) -> None:
 
 
 # --- the command line ----------------------------------------------------------------------------
-COMMANDS = ROOT / "engine" / "docs" / "command_line.md"
+# Pages of the guide with commands as they print, and how many there are.
+COMMANDS = {"command_line.md": 7, "replay.md": 1}
 FENCE = re.compile(
     r"^```(?:console|\{code-block\} text\n:caption: (?P<file>[\w.]+))\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -55,8 +56,9 @@ FENCE = re.compile(
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 
 
+@pytest.mark.parametrize("page", COMMANDS)
 def test_the_commands_print_what_the_page_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the order of the page, with its files; `...` stands for any lines or words.
 
@@ -64,7 +66,7 @@ def test_the_commands_print_what_the_page_shows(
     """
     monkeypatch.chdir(tmp_path)
     ran = 0
-    for block in FENCE.finditer(COMMANDS.read_text(encoding="utf-8")):
+    for block in FENCE.finditer(TEXTS[f"engine/docs/{page}"]):
         if block["file"]:
             (tmp_path / block["file"]).write_text(block["text"])
             continue
@@ -81,8 +83,8 @@ def test_the_commands_print_what_the_page_shows(
             )
             assert_alike(shown.split(), printed.split(), command)
             ran += 1
-    assert ran == 7
-    assert (tmp_path / "shift.png").stat().st_size > 10_000
+    assert ran == COMMANDS[page]
+    assert [picture for picture in tmp_path.glob("*.png") if picture.stat().st_size > 10_000]
 
 
 def assert_alike(shown: list[str], printed: list[str], command: str) -> None:

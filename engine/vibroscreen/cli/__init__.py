@@ -31,6 +31,7 @@ COMMANDS = {
     "check": "Tell what is wrong or unusual about a screen and its duty.",
     "solve": "Print the steady state of a screen under its duty.",
     "simulate": "Run a screen through a series of feeds and motions in time.",
+    "replay": "Run a screen through a plant's data, beside what was measured.",
     "build": "Build the FMU of a screen, validate it and run two steps.",
     "report": "Write what a screen does as one file to hand on: HTML or PDF.",
     "circuit": "Print the steady state of a circuit of crushers and screens.",
@@ -43,7 +44,13 @@ COMMANDS = {
 }
 ELSEWHERE = {"build": "vibroscreen_fmu.build"}
 # What `pip install 'vibroscreen[...]'` brings for a command.
-EXTRA = {"build": "fmu", "design": "study", "explore": "explore", "study": "study"}
+EXTRA = {
+    "build": "fmu",
+    "design": "study",
+    "explore": "explore",
+    "replay": "replay",
+    "study": "study",
+}
 # What a user can mend; all else is a mistake of ours and keeps its traceback.
 MENDABLE = (ConfigError, InputError, ImportError, OSError, MemoryError)
 

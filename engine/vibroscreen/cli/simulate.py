@@ -14,12 +14,12 @@ import typer
 
 from vibroscreen.cli.options import Csv, Json, Plot, ScreenFile, Set, Strict, end, load, one_format
 from vibroscreen.cli.solved import labels_of, two_lines
-from vibroscreen.cli.terminal import picture, progress, say, say_json, table
+from vibroscreen.cli.terminal import finite, picture, progress, say, say_json, table
 from vibroscreen.config import ScreenConfig
 from vibroscreen.report.pictures import COLOURS, DASHES, FEED, STEEL, deck_name, styled
 from vibroscreen.results import StepResult
-from vibroscreen.series import Series, read_series, run_series
-from vibroscreen.units import HOUR, KW, KWH, MINUTE, MM, T_H, TONNE
+from vibroscreen.series import Series, figures_of_step, read_series, run_series
+from vibroscreen.units import HOUR, KW, KWH, MINUTE, TONNE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,18 +87,7 @@ def _row(time: float, series: Series, result: StepResult) -> Row:
     row: Row = {"time_s": time}
     if stamp := series.moment_of(time):
         row["time"] = stamp
-    between = {f"intermediate[{k}]": s for k, s in enumerate(result.intermediate, start=1)}
-    streams = {"oversize": result.oversize, **between, "undersize": result.undersize}
-    row["feed_t_h"] = result.decks[0].feed_rate / T_H
-    row.update({f"{name}_t_h": stream.mass_flow_rate / T_H for name, stream in streams.items()})
-    for deck in result.decks:
-        row[f"deck[{deck.deck}].efficiency"] = deck.efficiency
-        row[f"deck[{deck.deck}].depth_discharge_mm"] = deck.depth_discharge / MM
-    row["undersize_p80_mm"] = result.undersize_p80 / MM
-    row["hold_up_kg"] = result.hold_up
-    row["drive_power_kw"] = result.drive_power / KW
-    row["balance_error_kg"] = result.balance_error
-    row = {key: None if value != value else value for key, value in row.items()}
+    row.update({key: finite(value) for key, value in figures_of_step(result).items()})
     row["alarms"] = " ".join(result.alarms)
     return row
 
