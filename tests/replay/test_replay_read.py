@@ -156,14 +156,15 @@ def test_stuck_and_spikes(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).normal(300.0, 3.0, 60).round(2)
     noise[10:25] = 305.0
     noise[40] = 700.0
-    noise[50:55] = 0.0
+    noise[[45, *range(50, 55)]] = 0.0  # stops, and a restart after them
     lines = "\n".join(f"{60 * k},{rate}" for k, rate in enumerate(noise))
     plant = read(f"time_s,rate_t_h\n{lines}\n", tmp_path, limits=Limits(stuck=600.0))
     assert [k for k in range(60) if "stuck" in plant.marks[k]] == list(range(10, 25))
     assert [k for k in range(60) if "spike" in plant.marks[k]] == [40]
     assert rates(plant)[40] == noise[39]
     assert rates(plant)[10] == 305.0
-    assert rates(plant)[52] == 0.0
+    assert (rates(plant)[45], rates(plant)[52]) == (0.0, 0.0)
+    assert rates(plant)[55:] == list(noise[55:])
     calm = read(f"time_s,rate_t_h\n{lines}\n", tmp_path, limits=Limits(spike=0.0, stuck=0.0))
     assert set(calm.marks) == {""}
 

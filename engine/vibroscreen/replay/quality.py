@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
@@ -34,9 +33,9 @@ class Finding(NamedTuple):
 class Limits:
     """When a value is told to be wrong.
 
-    spike: so many times the usual scatter off its neighbours, 0 for never; stuck: the same number
-    for longer than this [s], 0 for never; gap: rows further apart are a gap in time [s], None for
-    three times the usual interval.
+    spike: so many times the usual scatter beyond all of its neighbours, 0 for never; stuck: the
+    same number for longer than this [s], 0 for never; gap: rows further apart are a gap in time
+    [s], None for three times the usual interval.
     """
 
     spike: float = 10.0
@@ -51,16 +50,18 @@ class Limits:
 
 
 def spikes(values: Array, times: float) -> Mask:
-    """Single values, or two, far off the median of their neighbours; a zero is a stop, no spike."""
+    """Single values far above or below all four neighbours; not beside a stop."""
     found = np.zeros(values.size, dtype=bool)
-    there = np.isfinite(values)
-    if times == 0.0 or there.sum() < WINDOW:
+    there = np.flatnonzero(np.isfinite(values))
+    if times == 0.0 or there.size < WINDOW:
         return found
-    given = pd.Series(values[there])
-    away = (given - given.rolling(WINDOW, center=True, min_periods=3).median()).abs()
-    scatter = max(1.4826 * away.median(), LEAST_SCATTER * given.abs().median())
-    if scatter > 0.0:
-        found[there] = ((away > times * scatter) & (given != 0.0)).to_numpy()
+    windows = np.lib.stride_tricks.sliding_window_view(values[there], WINDOW)
+    middle, around = windows[:, WINDOW // 2], np.delete(windows, WINDOW // 2, axis=1)
+    scatter = 1.4826 * np.median(np.abs(middle - np.median(windows, axis=1)))
+    limit = times * max(scatter, LEAST_SCATTER * float(np.median(np.abs(middle))))
+    away = np.maximum(middle - around.max(axis=1), around.min(axis=1) - middle)
+    far = (away > limit) & (around > 0.0).all(axis=1) & (middle != 0.0)
+    found[there[WINDOW // 2 : -(WINDOW // 2)]] = far
     return found
 
 
