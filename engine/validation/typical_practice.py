@@ -213,7 +213,7 @@ def ask_rules(feed: AnyFeed, aperture: float, length: float, loads: Array) -> Sa
         ]
     )
     karra = np.array([float((share * (1.0 - karra_partition(sizes, cut))).sum()) for cut in cuts])
-    vsma = np.array([vsma_recovery(area, load * area) for load in loads])
+    vsma = np.array([vsma_recovery(1.0, load) for load in loads])
     return Said(loads * undersize / passing(aperture), vsma, karra, cuts / aperture)
 
 
