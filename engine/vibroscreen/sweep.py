@@ -371,6 +371,13 @@ def _settings_of_configs(configs: Sequence[ScreenConfig]) -> tuple[Array, Array]
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 # --- solving -------------------------------------------------------------------------------------
 def _solve(
     config: ScreenConfig,
@@ -404,11 +411,7 @@ def _solve(
                 progress(sum(done), count)
 
     done: list[int] = []
-    if threads is None:
-        threads = os.cpu_count() or 1
-        if hasattr(os, "sched_getaffinity"):
-            threads = len(os.sched_getaffinity(0))
-    workers = max(1, min(threads, len(starts)))
+    workers = max(1, min(threads or cores(), len(starts)))
     # Chunks in turn, so that neighbours of unlike cost are spread.
     shares = [starts[k::workers] for k in range(workers)]
     if workers == 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import survey_coverage as study
@@ -10,17 +11,26 @@ from vibroscreen import ScreenConfig
 
 def test_few_surveys(capsys: pytest.CaptureFixture[str]) -> None:
     """Two surveys of two kinds: shares between 0 and 1, and the tests of the scales beside."""
-    table = study.main(surveys=2, kinds=["recoveries", "one gross error"])
+    table = study.main(surveys=2, kinds=["recoveries", "one gross error", study.NAMED])
     assert list(table.index) == ["recoveries", "one gross error"]
     assert table.isin([0.0, 0.5, 1.0]).all(axis=None)
-    assert "6 runs: a scale 10 % high is named in" in capsys.readouterr().out
+    assert "a scale 10 % high, 6 runs: named" in capsys.readouterr().out
 
 
 def test_scales_are_named() -> None:
-    """Of 12 surveys of six runs at least 9 name the scale: fewer in 1 of 200 such sets at 0.93."""
-    found, false = study.named(12, runs=6)
-    assert found >= 9 / 12
-    assert false <= 3 / 12
+    """Of 24 surveys of four runs 18 or more name the scale: fewer in 1 of 200 such sets at 0.91."""
+    found, _, false = study.named(24)
+    assert found >= 18 / 24
+    assert false <= 4 / 24  # more in 1 of 100 sets at 0.05
+
+
+def test_the_section_says_what_was_counted() -> None:
+    """Shares by kind and by number of runs, as tables."""
+    shares = np.array([0.95, 0.925])
+    text = study.text_of({"recoveries": shares}, {4: np.array([0.9, 0.1, 0.05])}, 200)
+    assert "| recoveries | 0.950 | 0.925 |" in text
+    assert "| 4 | 0.900 | 0.100 | 0.050 |" in text
+    assert "0.950 +- 0.031" in text
 
 
 def test_made_up_streams_balance() -> None:

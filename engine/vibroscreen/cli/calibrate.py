@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vibroscreen.calibrate import Parameter, Run, calibrate
+from vibroscreen.calibrate import Calibration, Parameter, Run, calibrate
 from vibroscreen.cli.options import Plot, ScreenFile
 from vibroscreen.cli.terminal import picture, progress, say, table, tell, written
 from vibroscreen.config import ScreenConfig
@@ -16,6 +17,7 @@ from vibroscreen.screen import settings_of
 from vibroscreen.sections import BESIDE
 from vibroscreen.survey import read_survey
 from vibroscreen.survey.streams import StreamRun
+from vibroscreen.sweep import cores
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,14 +60,18 @@ def command(
         typer.Option(help="linear, or huber or cauchy, by which gross errors count for less."),
     ] = "linear",
     leave_out: Annotated[
-        bool, typer.Option(help="Fit again without each run (or group), and predict it.")
+        bool,
+        typer.Option(help="Fit again without each run (or group) and each kind, and predict it."),
     ] = True,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Searches side by side; by default one a core.")
+    ] = None,
 ) -> None:
     """Fit numbers of a screen to a survey and write it with them."""
     config = ScreenConfig.load(screen)
     runs = read_survey(survey, config)
     parameters = [_parameter(text, runs[0]) for text in fit or _usual(config)]
-    with progress("searching") as advance:
+    with progress("searching") as advance, ThreadPoolExecutor(workers or cores()) as executor:
         result = calibrate(
             runs,
             parameters,
@@ -74,35 +80,44 @@ def command(
             progress=advance,
             intervals=intervals,
             loss=loss,
+            executor=executor,
         )
-    found = result.fit
-    _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "Fitted, SI units")
-    names = [p.name for p in parameters]
-    if len(names) > 1:
-        rows = zip(names, found.correlation, strict=True)
-        table("Correlation", ("", *names), [(name, *map(_text, row)) for name, row in rows])
-    by_streams = any(isinstance(run, StreamRun) for run in runs)
-    frame = result.frame()
-    if by_streams:
-        frame["residual"] /= frame["sigma"]
-        _print(frame.groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run, in sigmas")
-        said = _rms(frame["residual"])
-        say(f"RMSE of {len(frame)} rates and shares: {said:.3f} standard errors")
-    else:
-        _print(frame.groupby("run", sort=False)[["residual"]].agg(_rms), "RMSE by run")
-        say(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
-    if found.held_out and not by_streams:
-        say(f"RMSE of runs left out of the fit: {found.held_out_rmse:.4f}")
-    if found.held_out and by_streams:
-        left_out = (frame["held_out"] - frame["measured"]) / frame["sigma"]
-        say(f"RMSE of runs left out of the fit: {_rms(left_out):.3f} standard errors")
-    for warning in found.warnings:
-        tell(f"warning: {warning}", "yellow")
+    _tell(result, by_streams=any(isinstance(run, StreamRun) for run in runs))
     target = output or screen.with_name(f"{screen.stem}_calibrated.toml")
     target.write_text(result.configure(config).to_toml(), encoding="utf-8")
     written(target)
     if plot is not None:
         picture(result.plot(), plot)
+
+
+def _tell(result: Calibration, *, by_streams: bool) -> None:
+    """What was fitted, how well, and what not to trust; of streams errors in standard errors."""
+    found = result.fit
+    _print(found.frame().drop(columns=["bound_lower", "bound_upper"]), "Fitted, SI units")
+    names = [p.name for p in found.parameters]
+    if len(names) > 1:
+        rows = zip(names, found.correlation, strict=True)
+        table("Correlation", ("", *names), [(name, *map(_text, row)) for name, row in rows])
+    frame = result.frame()
+    unit = frame["sigma"] if by_streams else 1.0
+    of_runs = "RMSE by run, in sigmas" if by_streams else "RMSE by run"
+    frame["residual"] /= unit
+    _print(frame.groupby("run", sort=False)[["residual"]].agg(_rms), of_runs)
+    if by_streams:
+        say(f"RMSE of {len(frame)} rates and shares: {_rms(frame['residual']):.3f} standard errors")
+    else:
+        say(f"RMSE of {found.measured.size} recoveries: {found.rmse:.4f}")
+    if found.held_out:
+        errors = _rms((frame["held_out"] - frame["measured"]) / unit)
+        shown = f"{errors:.3f} standard errors" if by_streams else f"{errors:.4f}"
+        left_out = found.left_out_frame()
+        _print(
+            left_out.drop(columns="rmse" if by_streams else "in_sigmas"),
+            "Left out of the fit: RMSE of it, and what the others give",
+        )
+        say(f"RMSE of runs left out of the fit: {shown}")
+    for warning in found.warnings:
+        tell(f"warning: {warning}", "yellow")
 
 
 def _rms(values: pd.Series[float]) -> float:

@@ -10,6 +10,7 @@ of products that balance are correlated; here they are not reckoned with twice.
 from __future__ import annotations
 
 import math
+import threading
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,14 +27,19 @@ from vibroscreen.survey.reconcile import Noise, Rows, reconcile
 from vibroscreen.sweep import Sweep
 from vibroscreen.units import MM
 
-__all__ = ["StreamRun", "Streams", "stream_runs"]
+__all__ = ["Point", "Settings", "StreamRun", "Streams", "stream_runs", "tables_of"]
 
 Array = NDArray[np.float64]
+# Values by variable of every run at a point of the fitted numbers; and at several points.
+Point = Sequence[Mapping[str, float]]
+Settings = Sequence[Point]
 
 # Part of the feed by which a class is changed for a slope.
 STEP = 0.02
 # Pull of the feed to the reconciled one, far weaker than any measurement.
 PULL = 1e-4
+# Points whose slopes are kept: searches ask for differences about the last ones.
+REMEMBERED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,50 +114,111 @@ def _tells(config: ScreenConfig, rows: Rows, number: int) -> bool:
 
 
 class Streams:
-    """What predicts a run by its streams."""
+    """What predicts runs told by their streams, of one list of classes, solved together."""
 
-    def __init__(self, run: StreamRun, number: int, column: slice) -> None:
-        self.run, self.number, self.column = run, number, column
-        self.sweep = Sweep([run.config])
-        self.rate = run.config.feed.mass_flow_rate
-        feed = np.array(run.config.feed.mass_fraction) * self.rate
-        steps = np.vstack([np.zeros(feed.size), STEP * self.rate * np.eye(feed.size)])
-        self.feeds = feed + steps
+    def __init__(
+        self, runs: Sequence[StreamRun], index: Sequence[int], columns: Sequence[slice]
+    ) -> None:
+        self.runs, self.index, self.columns = tuple(runs), index, columns
+        self.configs = [run.config for run in runs]
+        self.sweep = Sweep(self.configs)
+        own = np.array([config.feed.mass_fraction for config in self.configs])
+        self.rates = np.array([config.feed.mass_flow_rate for config in self.configs])
+        steps = np.vstack([np.zeros(own.shape[1]), STEP * np.eye(own.shape[1])])
+        self.feeds = (own + steps[:, None]) * self.rates[:, None]  # [feed, run, class]
+        self._known = threading.local()  # slopes by point, of the searches of each thread
 
-    def predict(self, settings: Sequence[Sequence[Mapping[str, float]]], found: Array) -> None:
-        """Write what is measured in this run at every point, with the feed that fits best."""
-        rows, kept, count = self.run.rows, self.run.kept, len(self.feeds)
-        points = [point[self.number] for point in settings]
-        values: dict[str, Array] = {
-            name: np.repeat([point[name] for point in points], count) for name in points[0]
+    def predict(self, settings: Settings, found: Array, about: Point | None = None) -> None:
+        """Write what is measured in these runs at every point, with the feed that fits best.
+
+        about: a point whose slopes by the feed go for all; else each point has its own.
+        """
+        shared = None if about is None else self._slopes(about)
+        expected = self._expected(settings, 1 if shared else len(self.feeds))
+        for k, point in enumerate(settings):
+            own = [block[k] for block in expected]
+            slopes = shared or self._remember(point, own)
+            parts = zip(self.runs, self.columns, slopes, own, strict=True)
+            for run, column, slope, block in parts:
+                found[k, column] = _profiled(run, block[0], slope)
+
+    def _slopes(self, point: Point) -> list[Array]:
+        """Weighted derivatives by the feed of what is expected at a point, run by run."""
+        known = vars(self._known).get(self._key(point))
+        if known is None:
+            known = self._remember(
+                point, [block[0] for block in self._expected([point], len(self.feeds))]
+            )
+        return known
+
+    def _remember(self, point: Point, expected: Sequence[Array]) -> list[Array]:
+        """Slopes at a point, kept as differences about it are likely to be asked for."""
+        known = vars(self._known)
+        slopes = [
+            (block[1:] - block[0]).T / (STEP * rate / run.rows.unit * run.errors[:, None])
+            for block, rate, run in zip(expected, self.rates, self.runs, strict=True)
+        ]
+        known[self._key(point)] = slopes
+        if len(known) > REMEMBERED:
+            del known[next(iter(known))]
+        return slopes
+
+    def _key(self, point: Point) -> str:
+        return repr([point[i] for i in self.index])
+
+    def _expected(self, settings: Settings, count: int) -> list[Array]:
+        """What should be measured by the first feeds, by run: [point, feed, measured].
+
+        nan where a steady state is refused.
+        """
+        feeds = self.feeds[:count]
+        shape = (len(settings), count, len(self.runs))
+        values = {
+            name: np.broadcast_to(table[:, None], shape).ravel()
+            for name, table in tables_of(settings, self.index, self.configs).items()
         }
-        rates = self.feeds.sum(axis=1)
-        values["feed.mass_flow_rate"] = np.tile(rates, len(points))
-        values["feed.mass_fraction"] = np.tile(self.feeds / rates[:, None], (len(points), 1))
-        table = self.sweep.solve(values, refused="mark")
-        between = [table.intermediate[:, k] for k in reversed(range(table.intermediate.shape[1]))]
-        products = np.concatenate([table.undersize, *between, table.oversize], axis=1) / rows.unit
-        refused = {place // count for place in table.refused}
-        for k in range(len(points)):
-            if k in refused:
-                found[k, self.column] = np.nan
-                continue
-            block = products[k * count : (k + 1) * count]
-            expected = np.array([rows.expected(x) for x in block])[:, kept]
-            found[k, self.column] = self._profiled(expected)
+        rates = feeds.sum(axis=2)
+        values["feed.mass_flow_rate"] = np.tile(rates.ravel(), shape[0])
+        fractions = (feeds / rates[:, :, None]).reshape(-1, feeds.shape[2])
+        values["feed.mass_fraction"] = np.tile(fractions, (shape[0], 1))
+        solved = self.sweep.solve(values, refused="mark")
+        between = [solved.intermediate[:, k] for k in reversed(range(solved.intermediate.shape[1]))]
+        products = np.concatenate([solved.undersize, *between, solved.oversize], axis=1)
+        products[list(solved.refused)] = np.nan
+        products = products.reshape(*shape, -1)
+        return [
+            run.rows.expected(products[:, :, k] / run.rows.unit)[..., run.kept]
+            for k, run in enumerate(self.runs)
+        ]
 
-    def slopes(self, expected: Array) -> Array:
-        """Weighted derivative by the feed of what is expected: [measured, class]."""
-        slope: Array = (expected[1:] - expected[0]).T / (STEP * self.run.errors[:, None])
-        return slope
 
-    def _profiled(self, expected: Array) -> Array:
-        """What is expected with the feed adjusted to what is measured."""
-        run, slope = self.run, self.slopes(expected)
-        miss = (run.measured - expected[0]) / run.errors
-        pull = PULL * np.eye(slope.shape[1])
-        change = np.linalg.lstsq(
-            np.vstack([slope, pull]), np.append(miss, np.zeros(len(pull))), rcond=None
-        )[0]
-        found: Array = expected[0] + run.errors * (slope @ change)
-        return found
+def tables_of(
+    settings: Settings, index: Sequence[int], configs: Sequence[ScreenConfig]
+) -> dict[str, Array]:
+    """Values of runs by name, [point, run]; what is not set is that of the run's configuration."""
+    names = dict.fromkeys(name for point in settings for i in index for name in point[i])
+    return {
+        name: np.array(
+            [
+                [
+                    point[i][name] if name in point[i] else config.value_of(name)
+                    for i, config in zip(index, configs, strict=True)
+                ]
+                for point in settings
+            ]
+        )
+        for name in names
+    }
+
+
+def _profiled(run: StreamRun, expected: Array, slope: Array) -> Array:
+    """What is expected with the feed adjusted to what is measured."""
+    if not (np.isfinite(expected).all() and np.isfinite(slope).all()):
+        return np.full_like(expected, np.nan)
+    miss = (run.measured - expected) / run.errors
+    pull = PULL * np.eye(slope.shape[1])
+    change = np.linalg.lstsq(
+        np.vstack([slope, pull]), np.append(miss, np.zeros(len(pull))), rcond=None
+    )[0]
+    found: Array = expected + run.errors * (slope @ change)
+    return found
