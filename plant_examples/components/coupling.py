@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import ExitStack
+from pathlib import Path
+
+from fmpy.ssp.simulation import simulate_ssp
 
 from components.instance import running
 from vibroscreen_fmu.circuit.ssp import Circuit
 
-__all__ = ["step_along"]
+__all__ = ["at_end_of_ssp", "step_along"]
+
+
+def at_end_of_ssp(
+    path: Path, asked: Iterable[tuple[str, str]], duration: float, step: float
+) -> list[float]:
+    """Let fmpy run an SSP for a duration in steps [s]; variables of elements at the end."""
+    result = simulate_ssp(str(path), stop_time=duration, step_size=step)
+    return [float(result[f"{element}.{variable}"][-1]) for element, variable in asked]
 
 
 def step_along(circuit: Circuit, asked: tuple[str, str], steps: int, step: float) -> float:

@@ -1,4 +1,4 @@
-"""The closed circuit of FMUs in every co-simulation tool that runs here; all find the same load."""
+"""Circuits of FMUs in every co-simulation tool that runs here; all find the same streams."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 import build_fmu
+import two_stage
 from circuit_of_fmus import expected_load, main, write_circuit
 from tests.fmu import masters
 from tests.places import ROOT
+from vibroscreen.circuit import solve_circuit
 from vibroscreen.config import ScreenConfig
 from vibroscreen.kernels import library
+from vibroscreen_fmu.circuit.ssp import write_ssp
 
 # Coupling delays a stream by up to a step at every element. A steady state does not know of delays:
 # what is left between tools after 40 minutes is what still settles. To the load computed apart it
@@ -79,11 +82,19 @@ def expected() -> float:
     return expected_load()
 
 
-def found_by(tool: Callable[[Path], float], circuit: Path, *first: Path) -> float:
-    """The load that a tool finds in a process of its own."""
+def rates_by(
+    tool: Callable[..., list[float]], circuit: Path, *first: Path, case: str = "closed"
+) -> list[float]:
+    """What a tool finds in a process of its own."""
     script = str(Path(__file__).with_name("masters.py"))
-    done = run_python([script, tool.__name__, str(circuit)], *first)
-    load: float = json.loads(done.stdout.splitlines()[-1])
+    words = [script, tool.__name__, str(circuit), *([case] if case != "closed" else [])]
+    rates: list[float] = json.loads(run_python(words, *first).stdout.splitlines()[-1])
+    return rates
+
+
+def found_by(tool: Callable[..., list[float]], circuit: Path, *first: Path) -> float:
+    """The load that a tool finds."""
+    (load,) = rates_by(tool, circuit, *first)
     print(f"{tool.__name__}: circulating load {load:.9f}, expected {expected():.9f}")
     return load
 
@@ -101,7 +112,7 @@ def test_a_script_finds_the_load_of_the_units(by_hand: float) -> None:
 
 @pytest.mark.parametrize("tool", masters.TOOLS[1:], ids=lambda tool: tool.__name__)
 def test_tools_find_the_same_load(
-    circuit: Path, by_hand: float, tool: Callable[[Path], float]
+    circuit: Path, by_hand: float, tool: Callable[..., list[float]]
 ) -> None:
     load = found_by(tool, circuit)
     assert load == pytest.approx(by_hand, abs=COUPLING_ERROR)
@@ -110,11 +121,34 @@ def test_tools_find_the_same_load(
 
 @pytest.mark.parametrize("tool", masters.APART, ids=lambda tool: tool.__name__)
 def test_tools_with_an_fmpy_of_their_own_find_the_same_load(
-    circuit: Path, by_hand: float, tool: Callable[[Path], float]
+    circuit: Path, by_hand: float, tool: Callable[..., list[float]]
 ) -> None:
     load = found_by(tool, circuit, beside(masters.APART[tool]))
     assert load == pytest.approx(by_hand, abs=COUPLING_ERROR)
     assert load == pytest.approx(expected(), abs=ENGINE_ERROR)
+
+
+# --- three products --------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def three_products(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the SSP of two-stage crushing, as its file says."""
+    folder = tmp_path_factory.mktemp("two_stage")
+    write_ssp(two_stage.TODAY, folder / two_stage.SSP, two_stage.DURATION)
+    return folder
+
+
+@pytest.mark.parametrize("tool", masters.OF_SSP, ids=lambda tool: tool.__name__)
+def test_tools_find_the_products_of_the_steady_circuit(
+    three_products: Path, tool: Callable[..., list[float]]
+) -> None:
+    """Two crushers, two decks, a gate and a belt: all products within 1e-6 of the fresh feed."""
+    table = solve_circuit(two_stage.TODAY, tolerance=1e-9)
+    wanted = {
+        name: table.product(name)[0].sum() / table.fresh[0] for name in ("0/8", "8/32", "32/90")
+    }
+    found = rates_by(tool, three_products, case="two_stage")
+    named = dict(zip(two_stage.TODAY.leaving.values(), found, strict=True))
+    assert named == pytest.approx(wanted, abs=1e-6)
 
 
 @pytest.mark.parametrize("model", masters.ELEMENTS)

@@ -171,6 +171,17 @@ class Flowsheet(OfFile):
         return {unit.name: unit for unit in self.units}
 
     @cached_property
+    def leaving(self) -> dict[tuple[str, str], str]:
+        """The product that a unit's outlet makes, by unit and outlet, where it leads to one."""
+        products = {product.name for product in self.products}
+        return {
+            (unit.name, outlet): target
+            for unit in self.units
+            for outlet, target in unit.targets.items()
+            if target in products
+        }
+
+    @cached_property
     def cut(self) -> tuple[str, ...]:
         """The fewest units without whose feed no loop is left: there the loops are cut."""
         names = list(self.unit)

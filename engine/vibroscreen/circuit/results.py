@@ -73,9 +73,7 @@ class CircuitTable:
     def product(self, name: str) -> Array:
         """Rates by class of a product of the circuit [design, class], kg/s."""
         sheet = self.flowsheet
-        parts = [
-            self.stream(u.name, o) for u in sheet.units for o, to in u.targets.items() if to == name
-        ]
+        parts = [self.stream(*outlet) for outlet, to in sheet.leaving.items() if to == name]
         parts += [self._columns.rate[feed.name] for feed in sheet.feeds if feed.to == name]
         return np.asarray(np.sum(parts, axis=0))
 

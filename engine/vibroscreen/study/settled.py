@@ -31,11 +31,9 @@ class Settled:
 def settle(circuit: Flowsheet, time: float = HOUR, step: float = 10.0) -> Settled:
     """Run a circuit for a time [s] in steps [s] from empty."""
     running, rows = RunningCircuit(circuit), []
-    products = {product.name for product in circuit.products}
-    leaving = [(u.name, o) for u in circuit.units for o, to in u.targets.items() if to in products]
     for _ in range(round(time / step)):
         streams = running.step(step)
-        product = float(np.sum([streams[key].sum() for key in leaving]))
+        product = float(np.sum([streams[key].sum() for key in circuit.leaving]))
         rows.append({"product": product, **running.power})
     history = pd.DataFrame(rows, index=step * (1 + np.arange(len(rows))))
     end = history.iloc[-round(LAST / step) :]

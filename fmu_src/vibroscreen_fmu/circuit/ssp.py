@@ -142,13 +142,7 @@ def write_ssp(
     the rates of the products.
     """
     circuit = write_circuit(flowsheet, path.parent, screens)
-    products = {product.name for product in flowsheet.products}
-    shown = [
-        (unit.name, f"{outlet}.mass_flow_rate")
-        for unit in flowsheet.units
-        for outlet, target in unit.targets.items()
-        if target in products
-    ]
+    shown = [(unit, f"{outlet}.mass_flow_rate") for unit, outlet in flowsheet.leaving]
     wires = circuit.wires
     root = etree.Element(
         f"{{{SSD}}}SystemStructureDescription",
