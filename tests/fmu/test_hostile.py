@@ -16,15 +16,19 @@ from vibroscreen.config import ScreenConfig
 
 DRIVER = Path(__file__).with_name("hostile.py")
 PROCESSES = 2
+# What passes through Python takes ten times as long.
+SEQUENCES = {"native": 10_000, "python": 2_000}
 # glibc keeps freed blocks of a size it has seen before for later: what it keeps would count as lost.
 GIVEN_BACK = {"MALLOC_MMAP_THRESHOLD_": "65536"}
 
 
 @pytest.fixture(scope="module", params=build_fmu.RUNTIMES)
-def fmu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The FMU of the default screen in a runtime."""
+def fmu(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Path]:
+    """A runtime, and the FMU of the default screen in it."""
     folder = tmp_path_factory.mktemp("hostile")
-    return build_fmu.build(ScreenConfig.default(), folder, request.param)
+    return request.param, build_fmu.build(ScreenConfig.default(), folder, request.param)
 
 
 def attack(fmu: Path, seeds: int, **options: int) -> list[dict[str, Any]]:
@@ -46,20 +50,21 @@ def attack(fmu: Path, seeds: int, **options: int) -> list[dict[str, Any]]:
     return [json.loads(found) for found, _ in said]
 
 
-def test_ten_thousand_sequences_break_nothing(fmu: Path) -> None:
-    found = attack(fmu, PROCESSES, sequences=10_000 // PROCESSES)
+def test_thousands_of_sequences_break_nothing(fmu: tuple[str, Path]) -> None:
+    runtime, path = fmu
+    found = attack(path, PROCESSES, sequences=SEQUENCES[runtime] // PROCESSES)
     print(found)
-    assert sum(one["sequences"] for one in found) == 10_000
+    assert sum(one["sequences"] for one in found) == SEQUENCES[runtime]
     for one in found:
         assert one["wrong"] == {}
-        assert one["calls"] > 100_000
+        assert one["calls"] > 20 * one["sequences"]
         # A good part is refused, with a message: the callers are hostile.
         assert 0.1 < one["refused"] / one["calls"] < 0.5
         assert one["messages"] > 0.2 * one["refused"]
         assert one["left_bytes"] < 1000
 
 
-def test_callers_at_once_break_nothing(fmu: Path) -> None:
-    (found,) = attack(fmu, 1, sequences=400, threads=8)
+def test_callers_at_once_break_nothing(fmu: tuple[str, Path]) -> None:
+    (found,) = attack(fmu[1], 1, sequences=400, threads=8)
     assert found["sequences"] == 400
     assert found["wrong"] == {}
