@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import circuits, dem_scale, import_time, many, page, step_cost
+from tests.benchmarks import circuits, dem_scale, import_time, many, page, step_cost, week
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -24,8 +24,10 @@ from tests.benchmarks.baseline import (
 from tests.fixed import fixed_screen, fixed_segregation
 from tests.kernels.numerics import exact
 from vibroscreen import Feed, Screen, ScreenConfig, register
+from vibroscreen.circuit import RunningCircuit
 from vibroscreen.kernels import library, state
 from vibroscreen.sections import Solver
+from vibroscreen.units import MINUTE
 
 MODELS = ("well_mixed", "proportional", "exchange", "classified")
 DEFAULT = ScreenConfig.default()
@@ -374,6 +376,22 @@ def test_many_circuits_in_short(tmp_path: Path) -> None:
     assert result["worst"] <= 1e-6
     assert (tmp_path / "circuits.json").exists()
     assert (tmp_path / "circuits.png").stat().st_size > 1000
+
+
+def test_a_week_in_short(tmp_path: Path) -> None:
+    """Twenty minutes by FMUs: the whole circuit balances, and is the circuit run without them."""
+    found = week.main(20 * MINUTE, tmp_path)
+    assert abs(found.balance_error) < 1e-12
+    sheet = week.flowsheet()
+    plant, made = RunningCircuit(sheet), dict.fromkeys(found.made, 0.0)
+    for feed in week.feeds(sheet, 20):
+        streams = plant.step(week.STEP, {"rock": feed})
+        for outlet, product in sheet.leaving.items():
+            made[product] += streams[outlet].sum() * week.STEP
+    assert plant.fed == pytest.approx(found.fed, rel=1e-12)
+    assert found.made == pytest.approx(made, rel=1e-6)
+    assert found.held == pytest.approx(plant.held, rel=1e-6)
+    assert json.loads((tmp_path / "week.json").read_text())["plant_time"] == 1200.0
 
 
 def test_the_page_is_timed(tmp_path: Path) -> None:

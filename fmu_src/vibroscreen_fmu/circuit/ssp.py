@@ -40,7 +40,8 @@ STREAMS = (
 class Circuit:
     """The FMUs of a flowsheet by element, and the streams between them, one wire a stream.
 
-    Elements are the units; a screen that several streams lead to has a mixer before it.
+    Elements are the units; a screen that several streams lead to has a mixer before it. They come
+    in the order of the streams once loops are cut.
     """
 
     fmus: dict[str, Path]
@@ -72,7 +73,7 @@ def write_circuit(
     folder.mkdir(parents=True, exist_ok=True)
     fmus: dict[str, Path] = {}
     streams: list[Wire] = []
-    for unit in flowsheet.units:
+    for unit in (flowsheet.unit[name] for name in flowsheet.order):
         feeds = [feed for feed in flowsheet.feeds if feed.to == unit.name]
         sources = [
             (source.name, outlet)
@@ -81,35 +82,34 @@ def write_circuit(
             if target == unit.name
         ]
         element, inlets = unit.name, len(feeds) + len(sources)
-        model_of = unit
-        if isinstance(unit, ScreenUnit):
-            config = unit.config
-            if inlets > 1:
-                element = f"{unit.name} feed"
-                model_of = Mixer(name=element, product=unit.name)
-                streams.append((element, "product", unit.name, "feed"))
-            elif feeds:
-                own = Feed(feeds[0].mass_flow_rate, feeds[0].mass_fraction)
-                config = config.replace(feed=own)
-            own_name = folder / f"{_identifier(unit.name)}.fmu"
-            ready = (screens or {}).get(unit.name)
-            fmus[unit.name] = (
-                shutil.copyfile(ready, own_name)
-                if ready
-                else write_native_fmu(config, folder).rename(own_name)
-            )
-        if not isinstance(model_of, ScreenUnit):
-            composition = flowsheet.feeds[0].mass_fraction
-            rest = Inlet(0.0, composition)
+        screen = isinstance(unit, ScreenUnit)
+        if screen and inlets > 1:
+            element = f"{unit.name} feed"
+            streams.append((element, "product", unit.name, "feed"))
+        if not screen or inlets > 1:
+            rest = Inlet(0.0, flowsheet.feeds[0].mass_fraction)
             given = [Inlet(feed.mass_flow_rate, feed.mass_fraction) for feed in feeds]
+            model_of = Mixer(name=element, product=unit.name) if screen else unit
             model = UnitModel(
                 model_of, flowsheet.size_classes.edges, (*given, *[rest] * len(sources))
             )
             fmus[element] = write_unit(model, folder)
+        if isinstance(unit, ScreenUnit):
+            duty = feeds[0] if inlets == 1 and feeds else unit.config.feed
+            fmus[unit.name] = _write_screen(unit, duty, folder, (screens or {}).get(unit.name))
         several = inlets > 1
         for k, (source, outlet) in enumerate(sources, start=len(feeds) + 1):
             streams.append((source, outlet, element, f"feed[{k}]" if several else "feed"))
     return Circuit(fmus, tuple(streams), flowsheet.size_classes.count)
+
+
+def _write_screen(unit: ScreenUnit, duty: Feed, folder: Path, ready: Path | None) -> Path:
+    """Write the FMU of a screen with its duty, or copy one that is ready."""
+    path = folder / f"{_identifier(unit.name)}.fmu"
+    if ready:
+        return shutil.copyfile(ready, path)
+    feed = Feed(duty.mass_flow_rate, duty.mass_fraction)
+    return write_native_fmu(unit.config.replace(feed=feed), folder).rename(path)
 
 
 def write_unit(model: UnitModel, folder: Path) -> Path:
