@@ -366,10 +366,9 @@ def sieve(
         return recovery
     run(buffer, LAY_BATCH, areal_mass, float(times[-1]))
     fed = by_class(nodes, layout.view(buffer, "lead_feed")[0], config.size_classes.count)
-    now = 0.0
-    for row, time in zip(recovery, times, strict=True):
-        run(buffer, FOLLOW, float(time) - now, 0.0)
-        now = float(time)
-        passed = by_class(nodes, layout.view(buffer, "lead_passed")[0], config.size_classes.count)
-        np.divide(passed, fed, out=row, where=fed > 0.0)
-    return recovery
+    passed, latest = np.empty((times.size, nodes.count)), layout.view(buffer, "lead_passed")[0]
+    for row, duration in zip(passed, np.diff(times, prepend=0.0).tolist(), strict=True):
+        run(buffer, FOLLOW, duration, 0.0)
+        row[:] = latest
+    of_class = by_class(nodes, passed, config.size_classes.count)
+    return np.divide(of_class, fed, out=recovery, where=fed > 0.0)
