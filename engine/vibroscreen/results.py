@@ -31,47 +31,48 @@ Array = NDArray[np.float64]
 
 
 class Rows(NamedTuple):
-    """What results of decks are made from: `deck_result`, and streams by node [kg/s].
+    """What results of decks are made from when they are read: `deck_result`, and streams by node.
 
-    fed: to the screen; rates: `step_mass` in a second; last_fraction: of the feed, which streams
-    that do not flow repeat; closed: sizes from which on nothing passes a deck [m].
+    feed_rate: of the screen [kg/s]; masses: `step_mass` [kg] of a step of `duration` s;
+    last_fraction: of the feed, which streams that do not flow repeat; closed: sizes from which on
+    nothing passes a panel of a deck [m].
     """
 
     nodes: Nodes
     classes: int
     figures: Array
-    fed: Array
-    rates: Array
+    feed_rate: float
+    masses: Array
+    duration: float
     last_fraction: Array
     closed: Array
 
     @property
     def decks(self) -> tuple[DeckResult[float], ...]:
         """Results of the decks, top deck first."""
-        count = len(self.closed)
-        come = [self.fed, *self.rates[0, : count - 1]]
+        under, over = self.masses / (self.duration if self.duration > 0.0 else 1.0)
+        come = [self.last_fraction * self.feed_rate, *under[:-1]]
         parts = (
             Separation(
                 self.nodes,
                 self.classes,
                 come[d],
-                self.rates[0, d],
-                self.rates[1, d],
+                under[d],
+                over[d],
                 self.last_fraction,
-                float(self.closed[d]),
+                float(size),
             )
-            for d in range(count)
+            for d, size in enumerate(self.closed.max(axis=1))
         )
         return tuple(
-            DeckResult[float](deck=k, _separation=part, **dict(zip(_DECK, row, strict=True)))
+            DeckResult(deck=k, _separation=part, **dict(zip(_DECK, row, strict=True)))
             for k, (row, part) in enumerate(zip(self.figures.tolist(), parts, strict=True), start=1)
         )
 
 
 def closed(scene: Array) -> Array:
-    """Size from which on nothing passes each deck [m], from scenes [deck, panel, number]."""
-    sizes: Array = scene[:, :, state.SCENE.index("closed")].max(axis=1)
-    return sizes
+    """Sizes from which on nothing passes the panels of each deck [m], from scenes."""
+    return scene[:, :, state.SCENE.index("closed")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,12 @@ LONGEST_STEP = 1e9  # s; what moves in more is too slow for them, and would be l
 # Knots along a deck that has one below; where they run out every second one goes.
 KNOTS = 512
 ENDLESS = (-math.inf, math.inf)
-UNREAD = state.MEMORY.index("unread")
+UNREAD, DURATION = state.MEMORY.index("unread"), state.MEMORY.index("duration")
+# Fields of which the result of a step is made.
+RESULTS = (
+    *("output", "undersize_fraction", "oversize_fraction", "intermediate", "intermediate_fraction"),
+    *("alarm", "deck_result", "last_seen", "step_mass", "feed_fraction", "scene"),
+)
 
 
 class Screen:
@@ -76,7 +81,8 @@ class Screen:
     def _look_up(self) -> None:
         """Find once what every call reads and writes of the buffers."""
         self._run = run.on(self.buffer)
-        self._memory = self.view("memory")
+        self._memory, self._classes = self.view("memory"), self.config.size_classes.count
+        self._results = {name: self.view(name) for name in RESULTS}
         self._inputs = Inputs(self.layout, self.buffer)
         self._column_inputs = Inputs(self._column, self._column_buffer)
         self._given, self._column_given = (
@@ -184,30 +190,27 @@ class Screen:
     def result(self) -> StepResult:
         """What the last step gave."""
         self.read()
-        output = dict(zip(state.OUTPUT, self.view("output").tolist(), strict=True))
+        seen = self._results
+        output = dict(zip(state.OUTPUT, seen["output"].tolist(), strict=True))
+        between = zip(seen["intermediate"], seen["intermediate_fraction"], strict=True)
         return StepResult(
-            undersize=Stream(output["undersize_rate"], self.view("undersize_fraction").copy()),
-            oversize=Stream(output["oversize_rate"], self.view("oversize_fraction").copy()),
-            intermediate=tuple(
-                Stream(float(row[0]), fraction.copy())
-                for row, fraction in zip(
-                    self.view("intermediate"), self.view("intermediate_fraction"), strict=True
-                )
-            ),
-            alarm_reasons=reasons(self.view("alarm")),
+            undersize=Stream(output["undersize_rate"], seen["undersize_fraction"].copy()),
+            oversize=Stream(output["oversize_rate"], seen["oversize_fraction"].copy()),
+            intermediate=tuple(Stream(float(row[0]), part.copy()) for row, part in between),
+            alarm_reasons=reasons(seen["alarm"]),
             size_classes=self.config.size_classes,
-            _rows=self._rows(),
+            _rows=Rows(
+                self.nodes,
+                self._classes,
+                seen["deck_result"].copy(),
+                float(seen["last_seen"][-1 - self._classes]),
+                seen["step_mass"].copy(),
+                float(self._memory[DURATION]),
+                seen["feed_fraction"].copy(),
+                closed(seen["scene"]).copy(),
+            ),
             **box_of(output),
         )
-
-    def _rows(self) -> Rows:
-        """What came to every deck and left it in the last step, by node, and its figures."""
-        duration, classes = self.record("memory").duration, self.config.size_classes.count
-        rates = self.view("step_mass") / (duration if duration > 0.0 else 1.0)
-        seen, share = self.view("last_seen"), self.view("feed_fraction").copy()
-        fed = share * seen[seen.size - classes - 1]
-        figures = self.view("deck_result").copy()
-        return Rows(self.nodes, classes, figures, fed, rates, share, closed(self.view("scene")))
 
     def bed_at(self, place: float, deck: int = 1) -> Array:
         """What lies now at a place [m] from the feed end: areal mass [layer, class], kg/m2.

@@ -273,8 +273,9 @@ class Slice:
             self.nodes,
             self.config.size_classes.count,
             kept.view("deck_result"),
-            share * feed_rate,
+            feed_rate,
             kept.view("step_mass"),
+            1.0,
             share,
             closed(kept.view("scene")),
         )

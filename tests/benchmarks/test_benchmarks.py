@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import circuits, dem_scale, import_time, many, page, step_cost, week
+from tests.benchmarks import circuits, dem_scale, import_time, many, page, replay, step_cost, week
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -392,6 +392,14 @@ def test_a_week_in_short(tmp_path: Path) -> None:
     assert found.made == pytest.approx(made, rel=1e-6)
     assert found.held == pytest.approx(plant.held, rel=1e-6)
     assert json.loads((tmp_path / "week.json").read_text())["plant_time"] == 1200.0
+
+
+def test_an_hour_is_replayed(tmp_path: Path) -> None:
+    """Products in steps of 60 s are those of 1 s within the tolerance."""
+    found = replay.main(rows=60, compared=5, output=tmp_path)
+    assert json.loads((tmp_path / "replay.json").read_text()) == found
+    assert found["rows"] == 60
+    assert found["worst"] < found["tolerance"]
 
 
 def test_the_page_is_timed(tmp_path: Path) -> None:

@@ -15,10 +15,12 @@ from vibroscreen.cli.solved import labels_of
 from vibroscreen.cli.terminal import picture, progress, say, say_json, table, written
 from vibroscreen.config import ScreenConfig
 from vibroscreen.replay import Limits, PlantData, Source, Summary, read_plant, replay, table_file
+from vibroscreen.replay.track import TRACKED, Track, track
 from vibroscreen.units import MINUTE, PERCENT, TONNE
 
 EXAMPLES = """vibroscreen replay plant.csv screen.toml --time Time --rate WI101.PV --plot day.png
 vibroscreen replay plant.parquet screen.toml --column undersize_t_h=WI103 --gap stop -o day.parquet
+vibroscreen replay plant.csv screen.toml --track open_area --plot blinding.png
 vibroscreen replay plant.csv screen.toml --time-format '%d.%m.%Y %H:%M' --zone Europe/Prague"""
 
 
@@ -74,6 +76,17 @@ def command(
         float,
         typer.Option(help="A rate so many times the usual scatter off is left out; 0: never."),
     ] = Limits.spike,
+    follow: Annotated[
+        str | None,
+        typer.Option(
+            "--track",
+            metavar="open_area|passage",
+            help="Follow this number of the screen by the measured products: blinding shows.",
+        ),
+    ] = None,
+    track_min: Annotated[
+        float, typer.Option(help="Time over which products are summed for --track, min.")
+    ] = 10.0,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Write a row for every row: .parquet or .csv."),
@@ -88,6 +101,10 @@ def command(
     source = Source(time, time_format, zone, _columns(rate, column or ()))
     limits = Limits(spike, stuck_min * MINUTE, None if gap_min is None else gap_min * MINUTE)
     data = read_plant(plant, config, source, gap, limits)
+    tracked = None
+    if follow is not None:
+        with progress("tracking") as advance:
+            tracked = track(config, data, follow, track_min * MINUTE, progress=advance)
     summary = Summary(tuple(data.products))
     curves = None
     with ExitStack() as stack:
@@ -101,16 +118,20 @@ def command(
             takers.append(curves.add)
         advance = stack.enter_context(progress("replaying"))
         for part in replay(config, data, progress=advance):
+            if tracked is not None:
+                part = tracked.beside(part)
             for take in takers:
                 take(part)
     if output is not None:
         written(output)
     if as_json:
-        say_json(_tree(config, data, summary))
+        say_json(_tree(config, data, summary, tracked))
     else:
         _print(config, data, summary)
+        if tracked is not None:
+            _print_track(tracked, data)
     if plot is not None and curves is not None:
-        picture(draw(config, data, curves), plot)
+        picture(draw(config, data, curves, tracked), plot)
     end(list(summary.alarms), strict=strict)
 
 
@@ -173,6 +194,28 @@ def _print(config: ScreenConfig, data: PlantData, summary: Summary) -> None:
         say("No alarms")
 
 
+def _print_track(found: Track, data: PlantData) -> None:
+    """The factor at the start, at the end, and where it is least."""
+    places = {"first": 0, "least": int(found.factor.argmin()), "last": -1}
+    say()
+    level = f"{found.level / PERCENT:g} % interval"
+    table(
+        f"Followed: {TRACKED[found.number]} over that of the file, {level}",
+        ("", "at", "factor", "from", "to"),
+        [
+            (
+                name,
+                data.moment(found.seconds[k]),
+                *(f"{row[k]:.3f}" for row in (found.factor, found.lower, found.upper)),
+            )
+            for name, k in places.items()
+        ],
+        left=2,
+    )
+    if found.falls:
+        say(f"The {TRACKED[found.number]} falls: the decks blind, or what is fed changed", "yellow")
+
+
 def _length(seconds: float) -> str:
     """A time as people say it."""
     for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
@@ -181,7 +224,9 @@ def _length(seconds: float) -> str:
     return f"{seconds:.4g} s"
 
 
-def _tree(config: ScreenConfig, data: PlantData, summary: Summary) -> dict[str, Any]:
+def _tree(
+    config: ScreenConfig, data: PlantData, summary: Summary, found: Track | None
+) -> dict[str, Any]:
     """All but the rows, for `json.dumps`."""
     return {
         "name": config.name,
@@ -199,4 +244,16 @@ def _tree(config: ScreenConfig, data: PlantData, summary: Summary) -> dict[str, 
             {"name": name, "first": data.moment(first), "lasted_s": lasted}
             for name, (first, lasted) in summary.alarms.items()
         ],
+        "track": None
+        if found is None
+        else {
+            "number": found.number,
+            "level": found.level,
+            "noise": found.noise,
+            "falls": found.falls,
+            "at": [data.moment(second) for second in found.seconds],
+            "factor": found.factor.tolist(),
+            "lower": found.lower.tolist(),
+            "upper": found.upper.tolist(),
+        },
     }

@@ -109,7 +109,7 @@ def follow_given(buffer, fresh):
     state.memory(buffer).settled = 0.0
     for deck in range(state.extent(buffer).decks):
         join_queue(buffer, deck)
-        if not alike:
+        if not alike or (moved and panel_count(buffer, deck) > 1):
             part_cohorts(buffer, deck)
     if moved:
         keep_scenes(buffer)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import pandas as pd
 from vibroscreen.config import ScreenConfig
 from vibroscreen.replay.plant import PlantData
 from vibroscreen.replay.run import measured_name
+from vibroscreen.replay.track import TRACKED, Track
 from vibroscreen.report.pictures import BAND, COLOURS, DASHES, FEED, deck_name, product_name, styled
 from vibroscreen.units import HOUR
 
@@ -59,20 +59,21 @@ class Curves:
 
 
 def draw(
-    config: ScreenConfig, plant: PlantData, curves: Curves, further: Sequence[Any] = ()
+    config: ScreenConfig, plant: PlantData, curves: Curves, tracked: Track | None = None
 ) -> Figure:
     """Products beside measured ones, beds, and the findings; shaded: alarms, and what was filled.
 
-    further: functions that draw into axes of their own, called with axes and times.
+    tracked: a factor that was followed, drawn with its interval.
     """
     table = curves.table()
     unit, factor = ("d", DAY) if plant.end > 3.0 * DAY else ("h", HOUR)
     times = table.index.to_numpy() / factor
+    more = 0 if tracked is None else 1
     with styled():
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(7.4, 6.6 + 1.5 * len(further)), layout="constrained")
-        heights = (2.4, 1.0, *(1.0 for _ in further), 1.2)
+        figure = Figure(figsize=(7.4, 6.6 + 1.5 * more), layout="constrained")
+        heights = (2.4, 1.0, *[1.0] * more, 1.2)
         axes: Any = figure.subplots(len(heights), 1, height_ratios=heights)
         streams, beds, *others, told = axes
         streams.plot(times, table["feed_t_h"], color=FEED, linewidth=0.8, label="feed")
@@ -82,8 +83,8 @@ def draw(
         ):
             depth = table[f"deck[{k}].depth_discharge_mm"]
             beds.plot(times, depth, color=colour, linewidth=0.8, label=deck_name(k, deck))
-        for draw_one, axis in zip(further, others, strict=True):
-            draw_one(axis, times)
+        if tracked is not None:
+            _draw_track(others[0], tracked, factor)
         for axis in (streams, beds, *others):
             across = axis.get_xaxis_transform()
             for name, colour in (("filled", BAND), ("alarm", "#f6c9a8")):
@@ -113,6 +114,15 @@ def _draw_products(axes: Any, times: Any, table: pd.DataFrame, decks: int) -> No
             axes.plot(
                 times, measured, ".", color=colour, ms=2.0, alpha=0.5, label=f"{label}, measured"
             )
+
+
+def _draw_track(axes: Any, tracked: Track, factor: float) -> None:
+    times, name = tracked.seconds / factor, TRACKED[tracked.number]
+    axes.fill_between(times, tracked.lower, tracked.upper, color=COLOURS[2], alpha=0.25, lw=0)
+    label = f"{name},\n{100 * tracked.level:g} % interval"
+    axes.plot(times, tracked.factor, color=COLOURS[2], label=label)
+    axes.axhline(1.0, color=FEED, linewidth=0.6)
+    axes.set(ylabel="over that\nof the file", ylim=(0.0, None))
 
 
 def _findings(plant: PlantData) -> str:

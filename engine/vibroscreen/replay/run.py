@@ -19,7 +19,7 @@ from vibroscreen.series import figures_of_step
 from vibroscreen.stream import Feed
 from vibroscreen.units import T_H
 
-__all__ = ["Engine", "Stepper", "measured_name", "replay"]
+__all__ = ["Engine", "Stepper", "measured_name", "moments", "replay"]
 
 # Rows of a part.
 PART = 4096
@@ -64,8 +64,8 @@ def replay(
     it is under the first row. progress: called with what is done and of how much [s]. Raises
     InputError with the time of a step that is refused.
     """
-    moments = _moments(config, plant)
-    first = next(moments)
+    through = moments(config, plant)
+    first = next(through)
     runner = stepper(config.replace(feed=first[0], motion=first[1]))
     feed, motion = first
     count = plant.seconds.size
@@ -73,7 +73,7 @@ def replay(
         rows, stop = [], min(count, begin + PART)
         for k in range(begin, stop):
             if k > 0:
-                feed, motion = next(moments)
+                feed, motion = next(through)
             try:
                 rows.append(runner.step(float(plant.lasts[k]), feed, motion))
             except (InputError, ConfigError) as error:
@@ -84,7 +84,7 @@ def replay(
         yield _table(plant, begin, stop, rows)
 
 
-def _moments(config: ScreenConfig, plant: PlantData) -> Iterator[tuple[Feed, Motion]]:
+def moments(config: ScreenConfig, plant: PlantData) -> Iterator[tuple[Feed, Motion]]:
     """Feed and motion of every row; the same object where nothing changed."""
     feed, motion = config.feed, config.motion
     passing = plant.inputs.get("passing")

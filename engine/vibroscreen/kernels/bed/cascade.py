@@ -37,8 +37,10 @@ def piece_of(buffer, left, duration):
         return left
     if travel.conveys(buffer, 0):
         # Even pieces, and none for a step that is hardly longer than one.
-        parts = int(PIECES * left / travel.residence_time(buffer, 0) + 0.5)
-        piece = left / max(1, parts)
+        piece = left
+        if state.extent(buffer).decks > 1:  # what falls is laid piece by piece
+            parts = int(PIECES * left / travel.residence_time(buffer, 0) + 0.5)
+            piece = left / max(1, parts)
         until = front.time_to_cover(buffer, 0)
         return min(piece, until) if until > 0.0 else piece
     if state.scene(buffer, 0, 0).passage_velocity == 0.0:

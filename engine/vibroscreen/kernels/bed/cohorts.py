@@ -2,7 +2,7 @@
 
 from vibroscreen.compiler.language import kernel
 from vibroscreen.kernels import state
-from vibroscreen.kernels.bed import package, ride, travel
+from vibroscreen.kernels.bed import falls, package, ride, travel
 from vibroscreen.kernels.numerics import parts, vectors
 from vibroscreen.kernels.physics.layer import NOTHING
 
@@ -13,9 +13,11 @@ def goes_on_as_one(buffer, deck):
     book, switch = state.book(buffer, deck), state.switches(buffer)
     if switch.closed_cohorts == 0.0 or switch.shared_trajectory == 0.0:
         return False
-    if deck > 0 or travel.panel_count(buffer, deck) > 1 or not package.in_cells(buffer, deck):
+    if deck > 0 or not package.in_cells(buffer, deck) or package.free_slots(buffer, deck) < 2:
         return False
-    return book.cells > 0.0 and book.covered == 0.0 and package.free_slots(buffer, deck) >= 2
+    if book.covered > 0.0:  # it may leave as a whole
+        return state.extent(buffer).decks == 1
+    return book.cells > 0.0 and travel.panel_count(buffer, deck) == 1
 
 
 @kernel
@@ -37,6 +39,53 @@ def keep_leader(buffer, deck):
     state.entry_velocity(buffer, deck)[index] = travel.panel_velocity(buffer, deck, 0)
     book.leaders += 1
     return index + 1.0
+
+
+@kernel
+def leaves_whole(buffer, duration):
+    """Whether all that lies on the deck of a box of one is a cohort that covers it, as it did when
+    the deck was steady, and leaves it within `duration` s."""
+    book, span = state.book(buffer, 0), 0.0
+    whole = travel.residence_time(buffer, 0)
+    if book.packages == 0.0 or state.extent(buffer).decks > 1 or book.cohort_front > 0.0:
+        return False
+    if package.leader_at(buffer, 0, 0) == 0.0 or not travel.conveys(buffer, 0):
+        return False
+    entry = state.entry_velocity(buffer, 0)[int(package.leader_at(buffer, 0, 0)) - 1]
+    if entry != travel.panel_velocity(buffer, 0, 0) or duration < whole * (1.0 - package.MOMENT):
+        return False
+    end = package.cohort_end(buffer, 0, 0)
+    for k in range(end):
+        span += package.span_of(buffer, 0, package.slot_at(buffer, 0, k))
+    return end == book.packages and abs(span - whole) <= package.MOMENT * whole
+
+
+@kernel
+def let_go(buffer):
+    """Let a cohort that covers the deck leave it: as much passes of each part as of its leading
+    slice, which is at the discharge, and the rest is oversize."""
+    leading = int(package.leader_at(buffer, 0, 0)) - 1
+    first, before = travel.panel_velocity(buffer, 0, 0), state.part_before(buffer, 0)
+    whole = state.passed(buffer, 0, leading)
+    undersize, oversize = falls.undersize(buffer, 0), falls.oversize(buffer, 0)
+    for k in range(state.book(buffer, 0).packages):
+        index = package.slot_at(buffer, 0, k)
+        area, on_panel = (
+            package.area_of(buffer, 0, index),
+            first / package.velocity_of(buffer, 0, index),
+        )
+        load, layers = state.load(buffer, 0, index), package.layers_of(buffer, 0, index)
+        vectors.fill(before, 0.0)
+        vectors.add_rows(before, 1.0, load, layers)
+        passed = state.passed(buffer, 0, index)
+        for i in range(before.size):
+            passes = min(before[i], max(0.0, on_panel * whole[i] - passed[i]))
+            undersize[i] += area * passes
+            oversize[i] += area * (before[i] - passes)
+    package.part_cohort(buffer, 0, 0)
+    while state.book(buffer, 0).packages > 0.0:
+        package.leave_queue(buffer, 0, state.book(buffer, 0).packages - 1)
+    state.counters(buffer).cohorts_followed += 1.0
 
 
 @kernel

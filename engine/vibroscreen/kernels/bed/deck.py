@@ -77,7 +77,10 @@ def advance_top(buffer, duration):
     step = duration
     if piling and velocity > 0.0:
         step = min(duration, max(0.0, -book.pile_rear / velocity))
-    advance_queue(buffer, 0, step)
+    if cohorts.leaves_whole(buffer, step):
+        cohorts.let_go(buffer)
+    else:
+        advance_queue(buffer, 0, step)
     if piling and velocity > 0.0 and step < duration:
         book.pile_open, book.pile_rear = 0.0, 0.0
     if not piling and velocity > 0.0:
