@@ -15,6 +15,8 @@ from vibroscreen.cli.solved import labels_of
 from vibroscreen.cli.terminal import picture, progress, say, say_json, table, written
 from vibroscreen.config import ScreenConfig
 from vibroscreen.replay import Limits, PlantData, Source, Summary, read_plant, replay, table_file
+from vibroscreen.replay.fmu import fmu_stepper
+from vibroscreen.replay.run import Engine, Stepper
 from vibroscreen.replay.track import TRACKED, Track, track
 from vibroscreen.units import MINUTE, PERCENT, TONNE
 
@@ -87,6 +89,10 @@ def command(
     track_min: Annotated[
         float, typer.Option(help="Time over which products are summed for --track, min.")
     ] = 10.0,
+    fmu: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Run this FMU of the screen in the engine's place."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Write a row for every row: .parquet or .csv."),
@@ -116,8 +122,11 @@ def command(
 
             curves = Curves(data)
             takers.append(curves.add)
+        stepper: Callable[[ScreenConfig], Stepper] = Engine
+        if fmu is not None:
+            stepper = stack.enter_context(fmu_stepper(fmu))
         advance = stack.enter_context(progress("replaying"))
-        for part in replay(config, data, progress=advance):
+        for part in replay(config, data, stepper, advance):
             if tracked is not None:
                 part = tracked.beside(part)
             for take in takers:
