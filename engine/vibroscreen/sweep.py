@@ -155,7 +155,7 @@ def solve_steady_many(
             raise InputError("values go with one configuration: give one of the two", "values")
         base, given = _common(designs), {}
         settings, harmonics = _settings_of_configs(designs)
-    result = _solve(base, settings, harmonics, threads, progress)
+    result = _solve(_Ready(base), settings, harmonics, threads, progress)
     return _table(base, given, settings, result, refused)
 
 
@@ -186,7 +186,8 @@ class Sweep:
         of `solve_steady_many`.
         """
         columns = _columns(self.base, values)
-        base, own, rows = self._begin(tuple(columns))
+        ready, own, rows = self._begin(tuple(columns))
+        base = ready.config
         count = len(next(iter(columns.values()))) if columns else len(own)
         repeat, rest = divmod(count, len(own))
         if rest:
@@ -200,13 +201,13 @@ class Sweep:
             raise InputError(
                 "apertures change under passage.velocity_table: give passage.velocity", "values"
             )
-        solved = _solve(base, settings, np.tile(rows, (repeat, 1)), threads, None)
+        solved = _solve(ready, settings, np.tile(rows, (repeat, 1)), threads, None)
         return _table(base, columns, settings, solved, refused)
 
-    def _begun(self, names: tuple[str, ...]) -> tuple[ScreenConfig, Array, Array]:
+    def _begun(self, names: tuple[str, ...]) -> tuple[_Ready, Array, Array]:
         """First configuration, settings and harmonics, before numbers of these names are put in."""
         designs = [_begun(design, names) for design in self._designs]
-        return designs[0], *_settings_of_configs(designs)
+        return _Ready(designs[0]), *_settings_of_configs(designs)
 
 
 # --- what is asked for ---------------------------------------------------------------------------
@@ -379,27 +380,36 @@ def cores() -> int:
 
 
 # --- solving -------------------------------------------------------------------------------------
+class _Ready:
+    """A configuration as the engine has it, with room for a chunk of designs beside it."""
+
+    def __init__(self, config: ScreenConfig) -> None:
+        check_supported(config)
+        self.config, self.layout = config, slice_layout(config, designs=CHUNK)
+        self.buffer = self.layout.buffer()
+        fill(self.layout, self.buffer, config)
+        put_nodes(self.layout, self.buffer, nodes_of(config))
+        part = slice(self.layout.section["parameters"].start, self.layout.section["inputs"].stop)
+        self.setting = self.buffer[part].copy()
+
+
 def _solve(
-    config: ScreenConfig,
+    ready: _Ready,
     settings: Array,
     harmonics: Array,
     threads: int | None,
     progress: Callable[[int, int], None] | None,
 ) -> Array:
     """Rows of results, in the order of the settings, whatever the number of threads."""
-    check_supported(config)
-    count = len(settings)
-    layout = slice_layout(config, designs=CHUNK)
-    nodes = nodes_of(config)
+    count, layout = len(settings), ready.layout
     # Nodes are those of the configuration, unless a design has other apertures.
-    rebuild = float(not (settings == _setting(config, layout)[0]).all())
+    rebuild = float(not (settings == ready.setting).all())
     results = np.zeros((count, layout.shape["design_result"][1]))
     starts = list(range(0, count, CHUNK))
 
     def work(own: Sequence[int]) -> None:
         buffer = layout.buffer()
-        fill(layout, buffer, config)
-        put_nodes(layout, buffer, nodes)
+        buffer[:] = ready.buffer
         for start in own:
             stop = min(start + CHUNK, count)
             layout.view(buffer, "design")[: stop - start] = settings[start:stop]

@@ -493,7 +493,7 @@ HEAD = "run,lower_mm,upper_mm,rate_t_h,feed_fraction,recovery"
         (HEAD + "\na,0,8,10,x,0.8\n", "line 2: feed_fraction = 'x' is not a finite number"),
         (HEAD + "\na,0,8,10,0.5,1\na,9,16,10,0.5,1\n", "line 3: class 9 to 16 mm of run 'a' does"),
         (HEAD + "\na,0,8,10,0.5,1\na,8,16,11,0.5,1\n", "rate_t_h of run 'a' is 10 and 11"),
-        (HEAD + "\na,0,8,10,0.5\n", "line 2 has not 6 cells"),
+        (HEAD + "\na,0,8,10,0.5\n", "line 2 has 5 cells, not 6 as the head"),
         (
             "run,lower_mm,upper_mm,feed_t_h,oversize_t_h\na,0,8,5,-1\n",
             "line 2: oversize_t_h = -1 is negative",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -143,9 +145,11 @@ ROW = "run,stream,rate_t_h,sieve_mm,passing_pct\n"
     [
         ("", "survey holds no rows"),
         (ROW, "survey holds no rows"),
-        (ROW + "a,feed,1,8\n", "line 2 has not 5 cells"),
+        (ROW + "a,feed,1,8\n", "line 2 has 4 cells, not 5 as the head"),
         (ROW + "a,fed,1,8,90\n", r"line 2: stream 'fed' of run 'a' is unknown: expected are feed"),
         (ROW + ",feed,1,8,90\n", "line 2: run is empty"),
+        (ROW + "a,intermediate[0],1,8,90\n", "line 2: stream 'intermediate.0.' of run 'a' is unknown"),
+        (ROW + "a,feed,1e300,8,90\n", "line 2: run 'a', feed: rate_t_h = 1e300 is more than 18000 t/h"),
         (ROW + "a,feed,1,8,90\na,feed,2,4,80\n", "line 3: run 'a', feed: rate_t_h = 2 differs"),
         (ROW + "a,feed,-1,8,90\n", "line 2: run 'a', feed: rate_t_h = -1 is negative"),
         (ROW + "a,feed,1,8,90\na,feed,1,8,80\n", "line 3: run 'a', feed: sieve 8 stands in line 2"),
@@ -185,6 +189,56 @@ def test_what_cannot_be_used_in_workbooks(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(InputError, match="the workbook cannot be read"):
         read_sheets(path)
+
+
+def test_a_formula_counts_by_its_value(tmp_path: Path) -> None:
+    """As spreadsheet programs write it, with the value beside the formula: 45 + 45 is 90 %."""
+    path = workbook(tmp_path, {"May": [ROW.strip().split(","), ["a", "feed", 1, 8, "=45+45"]]})
+    with zipfile.ZipFile(path) as book:
+        parts = {name: book.read(name) for name in book.namelist()}
+    name = next(name for name in parts if name.startswith("xl/worksheets/"))
+    formula = re.search(rb"<f>45\+45</f><v ?/?>(</v>)?", parts[name])
+    assert formula is not None
+    parts[name] = parts[name].replace(formula[0], b"<f>45+45</f><v>90</v>")
+    with zipfile.ZipFile(path, "w") as book:
+        for part, content in parts.items():
+            book.writestr(part, content)
+    (run,) = read_sheets(path).runs
+    assert_allclose(run.sheets["feed"].passing, [0.9])
+
+
+def test_what_is_no_survey_by_its_size(tmp_path: Path) -> None:
+    """A million rows, a file of a gigabyte, a sheet used to its last cell: told, not read."""
+    path = written(tmp_path, ROW + "a,feed,1,8,90\n" * 1_000_000)
+    with pytest.raises(InputError, match="the table has 1000001 rows: a survey has a row for each"):
+        read_sheets(path)
+    with path.open("r+b") as file:
+        file.truncate(10**9)  # holes take no room
+    with pytest.raises(InputError, match="the file has 1000 MB"):
+        read_sheets(path)
+    empty = read_sheets(written(tmp_path, ROW + "a,feed,1,8,90\n" + ",,,,\n" * 1_000_000))
+    assert len(empty.runs) == 1
+    book = openpyxl.Workbook()
+    book.active.append(ROW.strip().split(","))
+    book.active.cell(1_048_576, 16_384, "x")
+    book.save(tmp_path / "survey.xlsx")
+    with pytest.raises(InputError, match=r"sheet 'Sheet' has .* rows and more"):
+        read_sheets(tmp_path / "survey.xlsx")
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        ROW.strip() + ",motion.frequency\na,feed,9,8,50,-14\na,undersize,5,8,80,-14",
+        "run,lower_mm,upper_mm,feed_t_h,oversize_t_h,motion.frequency\na,0,8,9,5,-14",
+    ],
+)
+def test_a_number_of_a_run_that_cannot_be(head: str, tmp_path: Path) -> None:
+    """Numbers of the screen in a run are refused with the run and the file."""
+    path = written(tmp_path, head)
+    with pytest.raises(InputError, match=r"motion\.frequency = -14 Hz is out of range") as caught:
+        read_survey(path, ScreenConfig.default())
+    assert caught.value.__notes__ == ["in run 'a'", f"in {path}"]
 
 
 def check(path: Path) -> None:

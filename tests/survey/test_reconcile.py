@@ -207,6 +207,10 @@ def test_what_cannot_be_reconciled() -> None:
     run = by_sieve(np.random.default_rng(0), 50.0)
     with pytest.raises(InputError, match=r"intermediate\[1\] is the oversize of deck 2"):
         reconcile(Survey((run,)), decks=1)
+    sizes = tuple(np.linspace(1e-3, 0.1, 300).tolist())
+    fine = Sheet("feed", "x", sizes, 1.0, passing=np.linspace(0.0, 1.0, 300))
+    with pytest.raises(InputError, match="run 'a' has 301 sieves over all streams: keep up to 200"):
+        reconcile(Survey((SurveyRun("a", {"feed": fine}, {}),)))
     with pytest.raises(InputError, match=r"noise.scale = 4 is no standard error"):
         Noise(scale=4.0)
 

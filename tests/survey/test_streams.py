@@ -77,6 +77,19 @@ def test_three_numbers_of_the_quarry_screen() -> None:
     assert any("do not limit segregation.velocity above" in said for said in found.warnings)
 
 
+def test_a_fit_that_misses_is_told() -> None:
+    """A deck that lets nothing through cannot give the products that were measured."""
+    config, true = screen(30.0, 0.02, 0.05), surveyed(0.01, 1)
+    runs = stream_runs(true, config)
+    slow = Parameter("passage.velocity", 1e-3, 2e-3)
+    found = calibrate(runs, [slow], starts=1, leave_out=False, intervals="linear").fit
+    assert any(
+        "is missed by" in said and "look for gross errors" in said for said in found.warnings
+    )
+    free = calibrate(runs, BOTH, starts=1, leave_out=False, intervals="linear").fit
+    assert not any("is missed by" in said for said in free.warnings)
+
+
 def test_profiles_of_a_line_are_its_intervals() -> None:
     """Where the model is linear, profile and slopes say the same."""
     y = 1.0 + 2.0 * X + 0.1 * np.random.default_rng(1).standard_normal(X.size)

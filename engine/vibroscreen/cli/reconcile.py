@@ -78,7 +78,7 @@ def command(
         )
     say(
         f"{found.squares:.1f} squared sigmas for a redundancy of {found.freedom}; good "
-        f"measurements do no better in {found.chance / PERCENT:.2g} % of surveys"
+        f"measurements do no better in {found.chance / PERCENT:.3g} % of surveys"
     )
     if not found.gross_errors:
         say("No gross error is found.")

@@ -41,6 +41,8 @@ CONFIDENCE = 0.95
 INTERVALS = ("linear", "profile")
 # Ends from which a fit without a group goes on.
 AGAIN = 3
+# Chance below which residuals are larger than errors that are known.
+MISFIT = 0.001
 
 
 @dataclass(frozen=True)
@@ -233,7 +235,7 @@ def solved(problem: Problem, how: Search, kinds: Mapping[str, frozenset[str]] | 
     for name in groups:
         if name in found and found[name].held is not None:
             held_out_modelled[found[name].out] = found[name].modelled
-    warnings += [*other_minima(problem, ends), *doubts]
+    warnings += [*_too_far(problem, best, kept), *other_minima(problem, ends), *doubts]
     warnings += [f"{one.unknown} {name}{UNKNOWN}" for name, one in found.items() if one.unknown]
     held = {name: one.held for name, one in found.items() if one.held is not None}
     return Fit(
@@ -280,6 +282,21 @@ class _Told:
             results.append(one)
             self.report(1)
         return results
+
+
+def _too_far(problem: Problem, place: Array, kept: Mask) -> list[str]:
+    """A warning where known errors do not explain by how much what is kept is missed."""
+    residual = problem.residuals(place[None])[0, kept]
+    freedom = residual.size - problem.adjusted * residual.size / kept.size - place.size
+    chance = problem.scipy.stats.chi2.sf((residual**2).sum(), max(freedom, 1.0))
+    if not problem.adjusted or chance > MISFIT:
+        return []
+    return [
+        f"what was measured is missed by {_rms(residual):.2g} standard errors, which good "
+        f"measurements of such a screen do in {chance:.1g} of surveys: look for gross errors "
+        "(vibroscreen reconcile), for what of the screen is not as its file says, or fit more of "
+        "its numbers; the intervals are wider by as much"
+    ]
 
 
 def _robust(problem: Problem, ends: Sequence[End], loss: str) -> tuple[list[End], Mask, list[str]]:

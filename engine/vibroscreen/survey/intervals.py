@@ -26,6 +26,8 @@ AT_ITS_BOUND, HARDLY = "lies at its bound", "is hardly fixed by the data"
 # Steps outwards before a limit of a profile lies between two places; by this part of it the root of
 # the rise of the squares may miss that of the limit.
 MOST_STEPS, NEAR_ENOUGH = 12, 0.02
+# Places about which a limit is looked for.
+MOST_LOOKS = 4
 # Collinear from this condition index on (Belsley, Kuh and Welsch: 30), for the parameters that
 # have more than half of their variance from it.
 CONDITION = 30.0
@@ -182,49 +184,83 @@ def profiled(
     """Where the least sum of squares with one parameter held has risen by `level`.
 
     From the outermost of the minima that fit as well. jacobian: as of `linear`; reach: how far
-    away the slopes have it, in places.
+    away the slopes have it, in places. What the predictions adjust goes with one place, where it
+    does, until a limit is found; that is looked at once more by itself.
     """
-    k, sign = side.number, side.sign
-    least = ends[0][1]
+    k, least = side.number, ends[0][1]
     good = [end for end in ends if end[1] < least + level]
-    begin = max(good, key=lambda end: sign * end[0][k])[0]
-    others = np.arange(begin.size) != k
-    along = np.zeros(begin.size)  # how the others go with it
-    along[others] = -np.linalg.lstsq(jacobian[:, others], jacobian[:, k], rcond=None)[0]
-    along[k] = 1.0
-    root, end = math.sqrt(level), 1.0 if sign > 0.0 else 0.0
-    found = {float(begin[k]): (begin, -root)}
-
-    def over(at: float) -> float:
-        if at not in found:
-            near, _ = found[min(found, key=lambda one: abs(one - at))]
-            start = np.clip(near + (at - near[k]) * along, 0.0, 1.0)
-            start[k] = at
-            place, squares = problem.search(start, problem.everything, k)
-            rise = math.sqrt(max(squares - least, 0.0)) - root
-            found[at] = place, 0.0 if abs(rise) <= NEAR_ENOUGH * root else rise
-        return found[at][1]
-
-    def at_limit(place: float, *, closed: bool) -> Side:
-        value = problem.values(np.where(others, begin, place))[k]
-        return Side(k, sign, float(value), closed)
-
-    near, step = float(begin[k]), min(reach, 0.1)
-    for _ in range(MOST_STEPS):
-        if abs(end - near) < AT_BOUND:
-            return at_limit(end, closed=False)
-        far = min(max(near + sign * step, 0.0), 1.0)
-        rise = over(far)
-        if rise >= 0.0:
+    begin = max(good, key=lambda end: side.sign * end[0][k])[0]
+    profile = _Profile(problem, k, begin, jacobian, least, level)
+    step = min(reach, 0.1)
+    for _ in range(MOST_LOOKS):
+        place, closed = profile.limit(side.sign, step)
+        if not closed or profile.stands(place):
             break
-        # as far again as the squares have yet to rise, and a little more; at most four times
-        step = abs(far - near) * min(max(1.1 * -rise / max(rise - over(near), 1e-9), 0.1), 4.0)
-        near = far
-    else:
-        return at_limit(end, closed=False)
-    inside = 0.002 * abs(far - float(begin[k]))
-    limit = problem.scipy.optimize.brentq(over, near, far, xtol=inside, rtol=1e-12, disp=False)
-    return at_limit(float(limit), closed=True)
+        step = max(abs(place - float(begin[k])), 1e-6)
+    value = problem.values(np.where(np.arange(begin.size) == k, place, begin))[k]
+    return Side(k, side.sign, float(value), closed)
+
+
+class _Profile:
+    """Root of the rise of the squares over a held parameter, less that at the limit."""
+
+    def __init__(
+        self, problem: Problem, held: int, begin: Array, jacobian: Array, least: float, level: float
+    ) -> None:
+        self.problem, self.held, self.begin, self.least = problem, held, begin, least
+        self.root = math.sqrt(level)
+        others = np.arange(begin.size) != held
+        self.along = np.ones(begin.size)  # how the others go with it
+        self.along[others] = -np.linalg.lstsq(jacobian[:, others], jacobian[:, held], rcond=None)[0]
+        self._look_from(begin)
+
+    def _look_from(self, place: Array) -> None:
+        self.about = place if self.problem.about is not None else None
+        self.found = {float(self.begin[self.held]): (self.begin, -self.root)}
+
+    def over(self, at: float) -> float:
+        """At a place of the parameter; 0 where that is near enough to the limit."""
+        if at not in self.found:
+            near, _ = self.found[min(self.found, key=lambda one: abs(one - at))]
+            start = np.clip(near + (at - near[self.held]) * self.along, 0.0, 1.0)
+            start[self.held] = at
+            everything = self.problem.everything
+            place, squares = self.problem.search(start, everything, self.held, self.about)
+            self.found[at] = place, self._rise(squares)
+        return self.found[at][1]
+
+    def _rise(self, squares: float) -> float:
+        rise = math.sqrt(max(squares - self.least, 0.0)) - self.root
+        return 0.0 if abs(rise) <= NEAR_ENOUGH * self.root else rise
+
+    def stands(self, at: float) -> bool:
+        """Whether a limit that was found about another place is one by itself."""
+        if self.about is None:
+            return True
+        place = self.found[at][0] if at in self.found else self.begin
+        squares = float((self.problem.residuals(place[None]) ** 2).sum())
+        self._look_from(place)
+        return self._rise(squares) == 0.0
+
+    def limit(self, sign: float, step: float) -> tuple[float, bool]:
+        """Where it is 0, and whether that is within the bounds."""
+        near, end = float(self.begin[self.held]), 1.0 if sign > 0.0 else 0.0
+        for _ in range(MOST_STEPS):
+            if abs(end - near) < AT_BOUND:
+                return end, False
+            far = min(max(near + sign * step, 0.0), 1.0)
+            rise = self.over(far)
+            if rise >= 0.0:
+                break
+            # as far again as the squares have yet to rise, and more; at most four times
+            part = 1.1 * -rise / max(rise - self.over(near), 1e-9)
+            step = abs(far - near) * min(max(part, 0.1), 4.0)
+            near = far
+        else:
+            return end, False
+        inside = 0.002 * abs(far - float(self.begin[self.held]))
+        optimize = self.problem.scipy.optimize
+        return float(optimize.brentq(self.over, near, far, xtol=inside, rtol=1e-12)), True
 
 
 def unlimited(problem: Problem, sides: Sequence[Side], confidence: float) -> list[str]:

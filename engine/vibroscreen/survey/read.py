@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
 from vibroscreen.fields import nearest
+from vibroscreen.stream import MOST_FED
 from vibroscreen.survey.table import VARIABLE, Row, Table, number, read_tables
 from vibroscreen.units import INCH, KG_H, MICROMETRE, MM, PERCENT, T_H
 
@@ -75,6 +76,7 @@ WORDS = (
     (r"\boverflow\b", "oversize"),
 )
 TEXTS = ("run", "stream", "group")
+RATED = ("rate", "rate_wet", "class_rate")
 PAN = re.compile(r"pan|bottom|rest|receiver|0(\.0*)?", re.IGNORECASE)
 # Shares of a sheet may sum to one within this, passing may fall with size and shares may lie
 # outside of 0 to 1 by as much: weighings and round-off.
@@ -191,7 +193,7 @@ def _stream(text: str) -> str:
     for pattern, word in WORDS[-3:]:
         plain = re.sub(pattern, word, plain)
     match = re.fullmatch(r"(feed|undersize|oversize)|intermediate\W?_?(\d*)\W?_?", plain)
-    if match is None:
+    if match is None or (match[2] and int(match[2]) == 0):
         return ""
     return match[1] or f"intermediate[{int(match[2] or 1)}]"
 
@@ -331,6 +333,12 @@ class _Teller:
             raise self.refusal(row, str(error).partition(": ")[2], column.name) from None
         if not math.isnan(found) and found < 0.0 and not (what == "passing" and found > -LOSS):
             said = f"{column.name} = {row.cells[column.name]} is negative: give 0 or more"
+            raise self.refusal(row, said, column.name)
+        if what in RATED and found > MOST_FED:
+            said = (
+                f"{column.name} = {row.cells[column.name]} is more than {MOST_FED / T_H:g} t/h, "
+                "which no screen is fed: correct it, or name the column by its unit"
+            )
             raise self.refusal(row, said, column.name)
         if sigma and found == 0.0:
             said = f"{column.name} = 0: give a standard error above 0, or none"

@@ -40,6 +40,7 @@ RANK = 1e-7  # of the largest singular value
 # Pull of what nothing determines towards even shares: too weak to be seen where something does.
 PULL = 1e-7
 MOST_ITERATIONS = 50
+MOST_CLASSES = 200
 CONVERGED = 1e-11
 
 
@@ -142,7 +143,7 @@ class ScaleTest:
     def __str__(self) -> str:
         off = self.factor - 1.0
         return (
-            f"{self.stream} read {abs(off) / PERCENT:.2g} % too {'high' if off > 0 else 'low'} in "
+            f"{self.stream} read {abs(off) / PERCENT:.3g} % too {'high' if off > 0 else 'low'} in "
             f"all runs (standard error {self.error / PERCENT:.2g} %)"
         )
 
@@ -269,6 +270,12 @@ class Rows:
         self.classes = self.edges.size - 1
         if self.classes < 1:
             raise InputError(f"run {run.name!r} has no gradation: give shares by sieve", "run")
+        if self.classes > MOST_CLASSES:
+            raise InputError(
+                f"run {run.name!r} has {self.classes} sieves over all streams: keep up to "
+                f"{MOST_CLASSES}, those around the apertures first",
+                "sieve",
+            )
         self.told: list[tuple[str, str, float, float, float]] = []
         part, whole = [], []
         for stream, sheet in run.sheets.items():

@@ -32,7 +32,7 @@ from vibroscreen.stream import SUM_TOLERANCE, Feed
 from vibroscreen.survey.calibrate import Run
 from vibroscreen.survey.read import sheets_of
 from vibroscreen.survey.streams import StreamRun, stream_runs
-from vibroscreen.survey.table import Row, Table, number, read_tables
+from vibroscreen.survey.table import Row, Table, number, read_tables, told_of_run
 from vibroscreen.units import MM, T_H
 
 __all__ = ["read_survey"]
@@ -73,7 +73,7 @@ def read_survey(path: str | Path, config: ScreenConfig) -> tuple[Run | StreamRun
         for note in survey.notes:
             warnings.warn(note, stacklevel=2)
         return stream_runs(survey, config)
-    except InputError as error:
+    except (ConfigError, InputError) as error:
         error.add_note(f"in {path}")
         raise
 
@@ -160,11 +160,12 @@ def _run(name: str, rows: Sequence[Row], config: ScreenConfig) -> Run:
     if "rate_t_h" in head:
         rate = _constant(name, rows, "rate_t_h") * T_H
     sigma = _table(blocks, "sigma") if "sigma" in head else np.ones_like(recovery)
-    own = replace(
-        config,
-        size_classes=SizeClasses(edges, config.size_classes.subdivision),
-        feed=Feed(rate, tuple(feed / feed.sum())),
-    ).with_values(settings)
+    with told_of_run(name):
+        own = replace(
+            config,
+            size_classes=SizeClasses(edges, config.size_classes.subdivision),
+            feed=Feed(rate, tuple(feed / feed.sum())),
+        ).with_values(settings)
     # That nothing larger than the openings passes says nothing of the screen.
     openings = (max(panel.aperture for panel in deck.panels) for deck in own.decks)
     recovery = np.where(own.size_classes.lower < min(openings), recovery, np.nan)

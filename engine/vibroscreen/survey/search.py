@@ -148,10 +148,10 @@ class Problem:
         weighted: Array = (self.predictions(places, about) - self.measured) / self.sigma
         return weighted
 
-    def jacobian(self, place: Array, free: Mask | None = None) -> Array:
+    def jacobian(self, place: Array, free: Mask | None = None, about: Array | None = None) -> Array:
         """Derivative [n, p] of the predictions by parameters that are free, by central differences.
 
-        Within the bounds.
+        Within the bounds. about: as of `predictions`, the place itself unless given.
         """
         ahead = np.minimum(place + self.step, 1.0)
         behind = np.maximum(place - self.step, 0.0)
@@ -160,7 +160,7 @@ class Problem:
         points = np.tile(place, (2 * count, 1))
         points[np.arange(count), moved] = ahead[moved]
         points[count + np.arange(count), moved] = behind[moved]
-        found = self.predictions(points, place)
+        found = self.predictions(points, place if about is None else about)
         slope: Array = ((found[:count] - found[count:]) / (ahead - behind)[moved, None]).T
         return slope
 
@@ -180,10 +180,12 @@ class Problem:
         order = np.argsort((self.residuals(drawn, first) ** 2).sum(axis=1), kind="stable")
         return [first, *drawn[order[: count - 1]]]
 
-    def search(self, start: Array, kept: Mask, held: int | None = None) -> End:
+    def search(
+        self, start: Array, kept: Mask, held: int | None = None, about: Array | None = None
+    ) -> End:
         """The minimum that a start leads to, over the numbers that are kept, and its squares.
 
-        held: a parameter that stays where it starts.
+        held: a parameter that stays where it starts; about: as of `predictions`.
         """
         weight = 1.0 / self.sigma[kept]
         free = np.arange(start.size) != (-1 if held is None else held)
@@ -194,11 +196,11 @@ class Problem:
             return place
 
         if not free.any():
-            return start, float((self.residuals(start[None])[0, kept] ** 2).sum())
+            return start, float((self.residuals(start[None], about)[0, kept] ** 2).sum())
         found = self.scipy.optimize.least_squares(
-            lambda part: self.residuals(whole(part)[None])[0, kept],
+            lambda part: self.residuals(whole(part)[None], about)[0, kept],
             np.clip(start[free], 1e-6, 1.0 - 1e-6),
-            jac=lambda part: self.jacobian(whole(part), free)[kept] * weight[:, None],
+            jac=lambda part: self.jacobian(whole(part), free, about)[kept] * weight[:, None],
             bounds=(0.0, 1.0),
             loss=self.loss,
             f_scale=self.scale,

@@ -24,6 +24,7 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.stream import Feed
 from vibroscreen.survey.read import Survey
 from vibroscreen.survey.reconcile import Noise, Rows, reconcile
+from vibroscreen.survey.table import told_of_run
 from vibroscreen.sweep import Sweep
 from vibroscreen.units import MM
 
@@ -91,11 +92,12 @@ def stream_runs(
             edges[-1] = top if top > 1.01 * edges[-2] else next(coarser, 1.4 * edges[-2])
         feed = np.zeros(rows.classes)
         feed[: run.rates["feed"].size] = run.rates["feed"]
-        own = replace(
-            config,
-            size_classes=SizeClasses(tuple(edges.tolist()), config.size_classes.subdivision),
-            feed=Feed(float(feed.sum()), tuple(feed / feed.sum())),
-        ).with_values(run.run.settings)
+        with told_of_run(run.name):
+            own = replace(
+                config,
+                size_classes=SizeClasses(tuple(edges.tolist()), config.size_classes.subdivision),
+                feed=Feed(float(feed.sum()), tuple(feed / feed.sum())),
+            ).with_values(run.run.settings)
         kept = np.array([_tells(own, rows, j) for j in range(len(rows.told))])
         runs.append(StreamRun(run.name, own, rows, run.sigma, kept, run.run.group or run.name))
     return tuple(runs)

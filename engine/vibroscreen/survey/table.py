@@ -6,20 +6,21 @@ rate_wet_t_h. Names of the FMU's variables stay as they are.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vibroscreen.errors import InputError
+from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.lab_text import decoded
 
-__all__ = ["Row", "Table", "number", "read_tables"]
+__all__ = ["Row", "Table", "number", "read_tables", "told_of_run"]
 
 VARIABLE = re.compile(r"[a-z_]+(\[\d+\])?(\.[a-z_]+(\[\d+\])?)+")
 # Signs and words of heads, and what they become.
@@ -33,6 +34,8 @@ SIGNS = (
 )
 
 
+# A survey is far below these: what is above is something else, and is told before it is read.
+MOST_BYTES, MOST_ROWS, MOST_CELLS = 100_000_000, 20_000, 20_000_000
 # What spreadsheets show where a formula went wrong; other cells that begin so are comment.
 WRONG = ("#DIV/0!", "#N/A", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")
 
@@ -59,6 +62,8 @@ def read_tables(path: Path) -> tuple[Table, ...]:
 
     Raises InputError that names sheet and row, OSError, ImportError without openpyxl for XLSX.
     """
+    if path.stat().st_size > MOST_BYTES:
+        raise _too_large(f"the file has {path.stat().st_size / 1e6:.0f} MB")
     raw = path.read_bytes()
     if raw.startswith(b"PK"):
         tables = [_table(name, grid, comma=True) for name, grid in _workbook(raw) if grid]
@@ -68,6 +73,24 @@ def read_tables(path: Path) -> tuple[Table, ...]:
     if not tables:
         raise InputError("survey holds no rows: give one for every class of every run", "survey")
     return tuple(tables)
+
+
+@contextlib.contextmanager
+def told_of_run(name: str) -> Iterator[None]:
+    """Errors within tell the run that they are about."""
+    try:
+        yield
+    except (ConfigError, InputError) as error:
+        error.add_note(f"in run {name!r}")
+        raise
+
+
+def _too_large(said: str) -> InputError:
+    return InputError(
+        f"{said}: a survey has a row for each sieve of each stream, up to {MOST_ROWS} of them; "
+        "keep those of the survey (vibroscreen replay takes what a plant records through time)",
+        "survey",
+    )
 
 
 def number(row: Row, column: str, *, empty: bool = False) -> float:
@@ -105,6 +128,8 @@ def _lines(text: str) -> tuple[Grid, bool]:
     kept = [(k, line) for k, line in numbered if line.split("#")[0].strip(" \t;,")]
     if not kept:
         return [], False
+    if len(kept) > MOST_ROWS:
+        raise _too_large(f"the table has {len(kept)} rows")
     head = kept[0][1]
     separator = max(";\t,", key=head.count)  # the first of those that are as frequent
     try:
@@ -128,44 +153,67 @@ def _workbook(raw: bytes) -> list[tuple[str, Grid]]:
         ) from None
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as parts:
+            sheets = [one for one in parts.infolist() if one.filename.startswith("xl/")]
+            if sum(one.file_size for one in sheets) > MOST_BYTES:
+                raise _too_large("the workbook is large")
             formulas = any(
-                b"<f>" in parts.read(name) or b"<f " in parts.read(name)
-                for name in parts.namelist()
-                if name.startswith("xl/worksheets/")
+                re.search(rb"<f[ >]", parts.read(one))
+                for one in sheets
+                if one.filename.startswith("xl/worksheets/")
             )
-        sheets = _cells(openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True))
+        values = _cells(openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True))
         written = (
-            _cells(openpyxl.load_workbook(io.BytesIO(raw), read_only=True)) if formulas else sheets
+            _cells(openpyxl.load_workbook(io.BytesIO(raw), read_only=True)) if formulas else values
         )
+    except InputError:
+        raise
     except Exception as error:  # a broken file makes openpyxl raise what its parsers do
         raise InputError(
             f"the workbook cannot be read ({type(error).__name__}): save it anew as XLSX or CSV",
             "survey",
         ) from None
-    found = []
-    for (name, values), (_, formula) in zip(sheets, written, strict=True):
-        grid: Grid = []
-        for k, (row, said) in enumerate(zip(values, formula, strict=True), start=1):
-            place = f"sheet {name!r}, row {k}"
-            for value, text in zip(row, said, strict=True):
-                if value is None and isinstance(text, str) and text.startswith("="):
-                    raise InputError(
-                        f"{place}: the formula {text[:40]} has no value stored with it: open and "
-                        "save the workbook in a spreadsheet program",
-                        "survey",
-                    )
-            cells = ["" if value is None else _shown(value) for value in row]
-            if any(cells) and (not cells[0].startswith("#") or cells[0] in WRONG):
-                while not cells[-1]:
-                    cells.pop()
-                if grid or len(cells) > 1:  # a title stands above the head
-                    grid.append((place, cells))
-        found.append((name, grid))
+    return [(name, _grid(name, rows, written[name])) for name, rows in values.items()]
+
+
+Rows = dict[int, tuple[Any, ...]]
+
+
+def _grid(name: str, values: Rows, written: Rows) -> Grid:
+    """Cells of a sheet by row, from values and what is written where they come from."""
+    grid: Grid = []
+    for k, texts in written.items():
+        place, row = f"sheet {name!r}, row {k}", values.get(k, ())
+        for column, text in enumerate(texts):
+            value = row[column] if column < len(row) else None
+            if value is None and isinstance(text, str) and text.startswith("="):
+                raise InputError(
+                    f"{place}: the formula {text[:40]} has no value stored with it: open and "
+                    "save the workbook in a spreadsheet program",
+                    "survey",
+                )
+        cells = ["" if value is None else _shown(value) for value in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        if not cells or (cells[0].startswith("#") and cells[0] not in WRONG):
+            continue
+        if grid or len(cells) > 1:  # a title stands above the head
+            grid.append((place, cells))
+    return grid
+
+
+def _cells(book: Any) -> dict[str, Rows]:
+    """Rows of every sheet that hold something, by number from 1."""
+    found: dict[str, Rows] = {}
+    seen = 0
+    for sheet in book.worksheets:
+        own = found[sheet.title] = {}
+        for k, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+            seen += len(row)
+            if any(value is not None for value in row):
+                own[k] = row
+            if len(own) > MOST_ROWS or seen > MOST_CELLS:
+                raise _too_large(f"sheet {sheet.title!r} has {k} rows and more")
     return found
-
-
-def _cells(book: Any) -> list[tuple[str, list[tuple[Any, ...]]]]:
-    return [(sheet.title, list(sheet.iter_rows(values_only=True))) for sheet in book.worksheets]
 
 
 def _shown(value: Any) -> str:
@@ -186,7 +234,9 @@ def _table(name: str, grid: Grid, *, comma: bool) -> Table:
         short = len(columns) - len(cells)
         if short < 0 or (short > 0 and not name):
             raise InputError(
-                f"{where} has not {len(columns)} cells as the head: give one a column", "survey"
+                f"{where} has {len(cells)} cells, not {len(columns)} as the head: give one a "
+                "column",
+                "survey",
             )
         texts = [cell.strip() for cell in (*cells, *[""] * short)]
         rows.append(Row(where, dict(zip(columns, texts, strict=True)), comma))
