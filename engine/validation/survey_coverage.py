@@ -176,7 +176,7 @@ def main(
     chance = 2.0 * (0.95 * 0.05 / surveys) ** 0.5
     print(f"of {surveys} surveys of each kind; chance leaves 0.950 +- {chance:.3f}")
     for runs in (RUNS, 6) if NAMED in wanted else ():
-        told = zip(TOLD, named(surveys, runs), strict=True)
+        told = zip(TOLD, named(surveys * RECONCILED // SURVEYS, runs), strict=True)
         print(f"{NAMED}, {runs} runs:", ", ".join(f"{what} {share:.3f}" for what, share in told))
     return pd.DataFrame(rows, index=[p.name for p in FITTED]).T
 

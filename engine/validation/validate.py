@@ -17,6 +17,7 @@ import dem_calibration
 import engineering_rules
 import ivanov_vaisberg
 import practice_curves
+import survey_coverage
 import survey_planning
 import typical_practice
 from evidence import PICTURES, REPORT, Section
@@ -33,6 +34,7 @@ conservation, convergence) is in [MODEL.md](../MODEL.md#verification) and `tests
 SECTIONS: tuple[Section, ...] = (
     ivanov_vaisberg.SECTION,
     survey_planning.SECTION,
+    survey_coverage.SECTION,
     bed_velocity.SECTION,
     *dem_calibration.SECTIONS,
     practice_curves.SECTION,

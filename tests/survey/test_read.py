@@ -158,6 +158,7 @@ ROW = "run,stream,rate_t_h,sieve_mm,passing_pct\n"
         (ROW + "a,feed,1,4,.1\na,feed,1,8,.9\n", "shares of 1. Then name the column passing_fraction"),
         (ROW + "a,feed,1,4,1_0\n", "line 2: run 'a', feed: passing_pct = '1_0' is not a finite number"),
         (ROW.replace("passing_pct", "pasing_pct") + "a,feed,1,4,9\n", "'pasing_pct' is unknown: did you mean 'passing_pct'"),
+        (ROW.replace("rate_t_h", "motion.frequncy") + "a,feed,1,4,9\n", "column 'motion.frequncy': motion.frequncy is not a number of"),
         (ROW.replace("sieve_mm", "sieve_t_h") + "a,feed,1,4,9\n", "has the unit t_h: give one of mm, um"),
         (ROW.replace("stream", "group") + "a,feed,1,4,9\n", "column 'stream' is missing: expected are run"),
         (ROW.replace("rate_t_h", "rate_wet_t_h") + "a,feed,1,4,9\n", "rate_wet is given without moisture"),

@@ -31,7 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroscreen.errors import InputError
+from vibroscreen.config import ScreenConfig
+from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import nearest
 from vibroscreen.stream import MOST_FED
 from vibroscreen.survey.table import VARIABLE, Row, Table, number, read_tables
@@ -150,8 +151,14 @@ class Column(NamedTuple):
 
 def _column(name: str, notes: list[str]) -> Column:
     """What the name of a column says. Raises InputError."""
-    if name in TEXTS or (VARIABLE.fullmatch(name) and "." in name):
-        return Column(name, "", "text" if name in TEXTS else "setting", False, 1.0)
+    if name in TEXTS:
+        return Column(name, "", "text", False, 1.0)
+    if VARIABLE.fullmatch(name) and "." in name:
+        try:  # whatever the decks, panels and classes: each has the numbers of the first
+            ScreenConfig.default().value_of(re.sub(r"\[\d+\]", "[1]", name))
+        except ConfigError as error:
+            raise InputError(f"column {name!r}: {error}", name) from None
+        return Column(name, "", "setting", False, 1.0)
     if name in ("recovery", "feed_fraction", "time_s", "areal_mass_kg_m2"):
         raise InputError(
             f"column {name!r} is of a survey of recoveries, which has no streams to balance: "
