@@ -54,8 +54,7 @@ def answer(found: Found, today: SteadyResult) -> str:
     if found.best.empty:
         return f"None: {found.why}."
     best, table = found.nearest, compared(found, today)
-    was, power = table.loc["power, kW"].tolist()
-    passed, passes = table.loc["efficiency, %"].tolist()
+    (passed, passes), (was, power) = table.loc[["efficiency, %", "power, kW"]].to_numpy()
     return (
         f"{best['motion.frequency_hz']:.1f} Hz, a stroke of {best['motion.stroke_mm']:.1f} mm, "
         f"{best['deck[1].panel[1].inclination_deg']:.1f} degrees and a mesh of "

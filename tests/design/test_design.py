@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +116,16 @@ def test_a_seed_repeats_and_what_is_kept_is_not_solved_again(
     with pytest.warns(UserWarning, match="is damaged: what it held is solved again"):
         assert_frame_equal(search(again, folder=tmp_path).best, one.best)
     assert solved
+
+
+def test_workers_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts of a population in two processes: the same designs to the last bit."""
+    monkeypatch.setattr(sys.modules["vibroscreen.design.search"], "PART", 10)
+    here = search(two(generations=3))
+    with ProcessPoolExecutor(2, get_context("spawn")) as processes:
+        there = search(two(generations=3), executor=processes)
+    assert_frame_equal(there.best, here.best, check_exact=True)
+    assert_frame_equal(there.history, here.history, check_exact=True)
 
 
 def test_what_cannot_be_had_says_what_the_nearest_reaches() -> None:
@@ -239,3 +252,20 @@ def test_the_command(tmp_path: Path) -> None:
     none = CliRunner().invoke(app, ["design", str(file)])
     assert none.exit_code == 1
     assert "Infeasible: no design meets all conditions" in " ".join(none.stdout.split())
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_the_command_searches_on_a_cluster(tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    file = tmp_path / "search.toml"
+    text = TEXT.format(algorithm="pso", least=LEAST, seed=1, generations=2)
+    file.write_text(text.replace("quarry.toml", str(SCREENS / "quarry.toml")))
+    command = ["design", str(file), "--json"]
+    here = CliRunner().invoke(app, command)
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as workers:
+        there = CliRunner().invoke(app, [*command, "--scheduler", workers.scheduler_address])
+    assert there.exit_code == 0, there.output
+    assert json.loads(there.stdout) == json.loads(here.stdout)

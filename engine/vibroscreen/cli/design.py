@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from vibroscreen.cli.options import Json, Plot
+from vibroscreen.cli.options import Json, Plot, Scheduler, cluster
 from vibroscreen.cli.terminal import picture, progress, row_of, say, say_json, table, written
 from vibroscreen.design import Found, Search, search
 from vibroscreen.report.pictures import COLOURS, styled
@@ -37,6 +38,7 @@ def command(
             help="Where what was solved is kept: a search that was ended goes on there.",
         ),
     ] = None,
+    scheduler: Scheduler = None,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="The designs that were found.")
     ] = None,
@@ -45,8 +47,10 @@ def command(
 ) -> None:
     """Search for the best design of a screen or a circuit."""
     what = Search.load(search_file)
-    with progress(f"{what.generations} generations") as advance:
-        found = search(what, folder=output, progress=advance)
+    with ExitStack() as stack:
+        executor = cluster(scheduler, stack)
+        advance = stack.enter_context(progress(f"{what.generations} generations"))
+        found = search(what, folder=output, executor=executor, progress=advance)
     if csv is not None:
         found.best.to_csv(csv, index=False)
         written(csv)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +17,12 @@ __all__ = [
     "Csv",
     "Json",
     "Plot",
+    "Scheduler",
     "ScreenFile",
     "Set",
     "Strict",
     "assignments",
+    "cluster",
     "end",
     "load",
     "one_format",
@@ -36,6 +40,10 @@ Set = Annotated[
         help="Another value for a key of the file, for this run; again for more. "
         "KEY= takes a key out.",
     ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Solve on a cluster of dask.distributed."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print it for machines, as JSON.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Print it for machines, as CSV.")]
@@ -90,3 +98,17 @@ def end(alarms: Sequence[str], *, strict: bool) -> None:
     """End with 3 where there are alarms and that was asked for."""
     if strict and alarms:
         raise typer.Exit(code=3)
+
+
+def cluster(address: str | None, stack: ExitStack) -> Executor | None:
+    """The workers of a scheduler, which starts a task anew where a worker is lost; or none."""
+    if address is None:
+        return None
+    from distributed import Client
+
+    try:
+        client = stack.enter_context(Client(address, timeout=10))
+    except OSError as error:
+        raise OSError(f"no scheduler answers at {address}: {error}") from None
+    executor: Executor = client.get_executor(retries=5)
+    return executor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,7 @@ import typer
 
 from vibroscreen.circuit import solve_circuit
 from vibroscreen.circuit.results import CLOSED
-from vibroscreen.cli.options import Json, Plot
+from vibroscreen.cli.options import Json, Plot, Scheduler, cluster
 from vibroscreen.cli.terminal import picture, progress, row_of, say, say_json, table, tell, written
 from vibroscreen.study import Study, collect, run, settle
 from vibroscreen.study.pictures import ENERGY, best_of, draw_study
@@ -43,10 +42,7 @@ def command(
         str,
         typer.Option(metavar="K/N", help="Solve every Nth part from the Kth on, for job arrays."),
     ] = "1/1",
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Solve on a cluster of dask.distributed."),
-    ] = None,
+    scheduler: Scheduler = None,
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Run the best one through time as well.")
     ] = True,
@@ -61,7 +57,7 @@ def command(
     folder = output or study.with_suffix("")
     share = _part(part)
     with ExitStack() as stack:
-        executor = _cluster(scheduler, stack) if scheduler else None
+        executor = cluster(scheduler, stack)
         advance = stack.enter_context(progress(f"{plan.count} designs"))
         run(plan, folder, executor=executor, part=share, progress=advance)
     if share[1] > 1:
@@ -136,15 +132,3 @@ def _part(text: str) -> tuple[int, int]:
             f"{text!r} is not K/N with K from 1 to N: write --part 1/4", param_hint="--part"
         )
     return int(first), int(last)
-
-
-def _cluster(address: str, stack: ExitStack) -> Executor:
-    """The workers of a scheduler, which starts a task anew where a worker is lost."""
-    from distributed import Client
-
-    try:
-        client = stack.enter_context(Client(address, timeout=10))
-    except OSError as error:
-        raise OSError(f"no scheduler answers at {address}: {error}") from None
-    executor: Executor = client.get_executor(retries=5)
-    return executor

@@ -252,6 +252,10 @@ class Search(OfFile):
         """Whether it is about a screen or a circuit."""
         return "screen" if isinstance(self.subject, ScreenConfig) else "circuit"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields: what solves designs is made again where it is unpickled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
     # --- designs ---------------------------------------------------------------------------------
     @cached_property
     def _known(self) -> dict[str, tuple[str, float]]:

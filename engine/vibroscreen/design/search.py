@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ __all__ = ["Found", "search"]
 Array = NDArray[np.float64]
 
 AGAIN = 20  # candidates that are solved again at once
+PART = 100  # designs that one worker solves at once
 SHARE = "share "  # what columns of shares of the ranges are called where they are kept
 
 
@@ -55,14 +57,17 @@ def search(
     what: Search,
     *,
     folder: Path | None = None,
+    executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Found:
     """Search for the best design; a seed gives the same one again.
 
     folder: where what was solved is kept: a search that was ended goes on there, as what it solved
-    before need not be solved again. progress is called with the generations done and of all.
+    before need not be solved again. executor: any of `concurrent.futures`, or of a cluster, which
+    solves parts of large populations; what is found is the same. progress is called with the
+    generations done and of all.
     """
-    memory = _Memory(what, folder)
+    memory = _Memory(what, folder, executor)
     history = _optimise(what, memory, progress)
     seen = memory.frame()
     shares = memory.shares()
@@ -88,11 +93,16 @@ def search(
     )
 
 
+def _part(what: Search, shares: Array) -> pd.DataFrame:
+    """Results of designs at shares of the ranges."""
+    return what.measured(*what.values(shares))
+
+
 class _Memory:
     """What went through the engine already, so that it need not go twice."""
 
-    def __init__(self, what: Search, folder: Path | None) -> None:
-        self._what = what
+    def __init__(self, what: Search, folder: Path | None, executor: Executor | None) -> None:
+        self._what, self._executor = what, executor
         self._rows: dict[bytes, int] = {}
         self._shares: list[Array] = []
         self._frames: list[pd.DataFrame] = []
@@ -126,9 +136,17 @@ class _Memory:
         new = {row.tobytes(): row for row in shares if row.tobytes() not in self._rows}
         if new:
             rows = np.array(list(new.values()))
-            self._add(rows, self._what.measured(*self._what.values(rows)))
+            self._add(rows, self._solved(rows))
             self._keep()
         return self.frame().iloc[[self._rows[row.tobytes()] for row in shares]]
+
+    def _solved(self, rows: Array) -> pd.DataFrame:
+        """Results of new designs, here or in parts by the executor."""
+        if self._executor is None:
+            return _part(self._what, rows)
+        parts = [rows[start : start + PART] for start in range(0, len(rows), PART)]
+        found = self._executor.map(_part, [self._what] * len(parts), parts)
+        return pd.concat(found, ignore_index=True)
 
     def _keep(self) -> None:
         if self._path is not None:
