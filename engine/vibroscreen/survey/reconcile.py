@@ -55,7 +55,7 @@ class Noise:
     scale: float = 0.04
     sieve: float = 0.008
     class_rate: float = 0.05
-    floor: float = 0.001
+    floor: float = 0.0005
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
