@@ -257,6 +257,15 @@ def test_a_band_says_what_is_in_specification() -> None:
     assert Product(name="p").meets(edges, rates).tolist() == [True, True, False]
 
 
+def test_all_that_passes_is_not_more_than_all() -> None:
+    """Sums differ in their last digits by the order in which they are taken."""
+    edges, random = np.linspace(0.0, 34.0, 18) * MM, np.random.default_rng(1)
+    products = random.uniform(0.0, 10.0, (500, 17))
+    assert (products.sum(axis=1) < np.cumsum(products, axis=1)[:, -1]).any()
+    band = Product(name="p", at_sizes=(34.0 * MM,), least_passing=(1.0,), most_passing=(1.0,))
+    assert band.meets(edges, products).all()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -23,7 +23,7 @@ from vibroscreen.errors import ConfigError, Faults
 from vibroscreen.fields import Number, Numbers, OfFile, Section, Sections, Text, nearest, said
 from vibroscreen.keys import reading
 from vibroscreen.size_classes import SizeClasses
-from vibroscreen.stream import Feed
+from vibroscreen.stream import ROUND_OFF, Feed
 from vibroscreen.units import MM
 
 __all__ = ["Flowsheet", "FreshFeed", "Product"]
@@ -76,15 +76,15 @@ class Product:
         """Whether products [design, class; kg/s] stay in the band; linear inside a class."""
         total = rates.sum(axis=1)
         passing = np.concatenate((np.zeros((len(rates), 1)), np.cumsum(rates, axis=1)), axis=1)
-        inside = total > 0.0
+        inside, round_off = total > 0.0, ROUND_OFF * total
         for place, size in enumerate(self.at_sizes):
             k = int(np.clip(np.searchsorted(edges, size) - 1, 0, edges.size - 2))
             part = np.clip((size - edges[k]) / (edges[k + 1] - edges[k]), 0.0, 1.0)
             finer = passing[:, k] + part * (passing[:, k + 1] - passing[:, k])
             if self.least_passing:
-                inside &= finer >= self.least_passing[place] * total
+                inside &= finer >= self.least_passing[place] * total - round_off
             if self.most_passing:
-                inside &= finer <= self.most_passing[place] * total
+                inside &= finer <= self.most_passing[place] * total + round_off
         return np.asarray(inside)
 
 
