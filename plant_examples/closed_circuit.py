@@ -48,17 +48,20 @@ def run(
     crusher, belt = CIRCUIT.unit["crusher"], CIRCUIT.unit["belt"].start(edges)
     assert isinstance(crusher, Crusher)
     assert isinstance(belt, Belt)
-    rows, held_at_start = [], screen.hold_up
+    crushing, held_at_start = crusher.start(edges), screen.hold_up
+    rows, crusher_feeds, products = [], [], []
     for regime in track(by_step(schedule, step), "closed circuit", transient=True):
         fresh = regime.fresh_feed * np.array(fresh_feed.mass_fraction)
         crusher_feed = fresh + belt.unload(step)
-        crushed = crusher.crush(edges, crusher_feed)
+        crushed = crushing.step(crusher_feed, step)["product"]
         screened = screen.step(crushed, regime.frequency, step)
         belt.load(screened.oversize, step)
-        power = float(crusher.power(edges, crusher_feed, crushed)[0])
         held = screen.hold_up + belt.held.sum()
-        rows.append(row_of(regime, fresh, crusher_feed, screened, power, held))
-    return circuit_of(rows, step, held_at_start)
+        rows.append(row_of(regime, fresh, crusher_feed, screened, held))
+        crusher_feeds.append(crusher_feed)
+        products.append(crushed)
+    power = crusher.power(edges, np.array(crusher_feeds), np.array(products))
+    return circuit_of(rows, power, step, held_at_start)
 
 
 def answer(regimes: pd.DataFrame) -> str:

@@ -52,27 +52,31 @@ def row_of(
     fresh: Rates,
     crusher_feed: Rates,
     screened: ScreenStep,
-    crusher_power: float,
     held: float,
 ) -> dict[str, object]:
-    """What happened in a step, in SI units: totals of the streams, powers, mass held at its end."""
+    """What happened in a step, in SI units: totals of the streams, power, mass held at its end."""
     return {
         "regime": regime.name,
         "fresh feed": fresh.sum(),
         "crusher feed": crusher_feed.sum(),
         "product": screened.undersize.sum(),
         "oversize": screened.oversize.sum(),
-        "crusher power": crusher_power,
         "screen power": screened.power,
         "held": held,
         "alarms": screened.alarms,
     }
 
 
-def circuit_of(rows: Sequence[Mapping[str, object]], step: float, held: float) -> Circuit:
-    """What a run gave, from a row for every step of `step` seconds; `held` at its start, kg."""
+def circuit_of(
+    rows: Sequence[Mapping[str, object]], crusher_power: Rates, step: float, held: float
+) -> Circuit:
+    """What a run gave, from a row for every step of `step` seconds, and the power of the crusher.
+
+    held: at its start, kg.
+    """
     history = pd.DataFrame(rows)
     history.insert(1, "time", step * (history.index + 1))
+    history["crusher power"] = crusher_power
     fed, product = step * history["fresh feed"].sum(), step * history["product"].sum()
     balance_error = fed - product - (history["held"].iloc[-1] - held)
     counted = history.pop("alarms").explode().value_counts()
