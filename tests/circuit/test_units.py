@@ -184,6 +184,31 @@ def test_crusher_refuses_what_makes_no_sense(change: dict[str, Any], words: str)
         cone(**change)
 
 
+@given(st.lists(st.tuples(st.floats(1e-3, 50.0), st.floats(0.0, 1e3)), min_size=1, max_size=30))
+def test_a_crusher_that_holds_something_loses_nothing(loads: list[tuple[float, float]]) -> None:
+    """Fed = left + held at every step, none of it negative; it ends where the mean of a step says."""
+    crusher, fed, left = cone(hold_up=8.0).start(SIEVES), 0.0, 0.0
+    for step, rate in loads:
+        product = crusher.step(np.full(SIEVES.size - 1, rate), step)["product"]
+        assert product.min() >= 0.0
+        assert crusher.held.min() >= 0.0
+        fed += rate * (SIEVES.size - 1) * step
+        left += product.sum() * step
+        assert left + crusher.held.sum() == pytest.approx(fed, rel=1e-12, abs=1e-12)
+
+
+def test_a_held_feed_leaves_as_a_first_order_says() -> None:
+    """Constant feed: held = rate T (1 - exp(-t/T)) whatever the steps; at last all of it leaves."""
+    feed, product = np.ones(SIEVES.size - 1), cone().crush(SIEVES, np.ones(SIEVES.size - 1))
+    for steps in ((10.0,), (1.0, 2.5, 6.5)):
+        crusher = cone(hold_up=8.0).start(SIEVES)
+        for step in steps:
+            crusher.step(feed, step)
+        assert_allclose(crusher.held, product * 8.0 * -np.expm1(-10.0 / 8.0), rtol=1e-12)
+    crusher.step(feed, 1e4)
+    assert_allclose(crusher.step(feed, 1.0)["product"], product, rtol=1e-12)
+
+
 def test_percentile_sizes_by_hand() -> None:
     """Halves in 0-1 and 1-2: P80 = 1.6, P50 = 1; a stream that does not flow has none."""
     streams = np.array([[1.0, 1.0], [0.0, 0.0], [0.0, 2.0]])

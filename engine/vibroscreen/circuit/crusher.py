@@ -108,7 +108,8 @@ class Crusher(Unit):
 
     The share C of a class is caught; fragments are classified again. With B the breakage matrix,
     source [1]: product = (I - C)(I - B C)^-1 feed. capacity: the most that one machine takes
-    [kg/s], at every setting or as a table over it; infinite where none is to limit it.
+    [kg/s], at every setting or as a table over it; infinite where none is to limit it. hold_up:
+    the mean time in the crusher [s]; through time it holds rate times that, perfectly mixed.
     """
 
     has_drive: ClassVar = True
@@ -133,6 +134,15 @@ class Crusher(Unit):
     )
     idle_power: float = number(
         110.0 * KW, "idle_power_kw", "W", KW, at_least=0.0, at_most=5000.0 * KW
+    )
+
+    hold_up: float = number(
+        0.0,
+        "hold_up_s",
+        "s",
+        at_least=0.0,
+        at_most=600.0,
+        tells="Mean time in the crusher",
     )
 
     def __post_init__(self) -> None:
@@ -234,10 +244,31 @@ class JawCrusher(Crusher):
 
 
 class _Crushing(Running):
-    """A crusher without hold-up."""
+    """A crusher that holds what came in crushed, perfectly mixed; nothing without a hold-up."""
 
     def __init__(self, crusher: Crusher, edges: Array) -> None:
         self._transfer = crusher.transfers(edges, {})["product"]
+        self._time, self._held = crusher.hold_up, np.zeros(edges.size - 1)
+
+    @property
+    def held(self) -> Array:
+        return self._held
+
+    @property
+    def memory(self) -> Array:
+        return self._held.copy()
+
+    @memory.setter
+    def memory(self, row: Array) -> None:
+        self._held = row.copy()
 
     def step(self, feed: Array, dt: float) -> dict[str, Array]:
-        return {"product": apply(self._transfer, feed[None, :, None])[0, :, 0]}
+        """d held/dt = product - held/time, solved exactly over the step."""
+        product = apply(self._transfer, feed[None, :, None])[0, :, 0]
+        if self._time == 0.0:
+            return {"product": product}
+        leaves = -math.expm1(-dt / self._time)
+        there = self._held + product * dt
+        left = leaves * self._held + max(dt - leaves * self._time, 0.0) * product
+        self._held = there - left
+        return {"product": left / dt}

@@ -94,7 +94,7 @@ class UnitModel:
     def _rest(self) -> Iterator[Port]:
         if self.unit.has_drive:
             yield _port("drive.power", "W", "Electric power of the drive", "output")
-        if isinstance(self.unit, Conveyor | Bin):
+        if isinstance(self.unit, Conveyor | Bin | Crusher):
             yield _port("held.mass", "kg", "What lies inside", "output")
         if isinstance(self.unit, Crusher):
             text = "Fed more than it takes: it would choke"
@@ -208,7 +208,7 @@ class UnitSlave(RowSlave):
             self._put(
                 "drive.power", float(np.squeeze(unit.power(self._edges, feed, left["product"])))
             )
-        if isinstance(unit, Conveyor | Bin):
+        if isinstance(unit, Conveyor | Bin | Crusher):
             self._put("held.mass", float(self._machine.held.sum()))
         if isinstance(unit, Crusher):
             self._put("alarm.capacity", float(feed.sum() > unit.most()))
