@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -9,7 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -278,6 +279,31 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(
             found = collect(study(), tmp_path)
     assert worker.wait(10) != 0
     assert_frame_equal(found, whole, check_exact=True)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+@pytest.mark.usefixtures("small_parts")
+def test_a_cluster_that_is_restarted_goes_on(whole: pd.DataFrame, tmp_path: Path) -> None:
+    """The first cluster is closed after a part; the next one solves what is missing."""
+    from distributed import Client, LocalCluster
+
+    runs: list[list[int]] = []
+    for _ in range(2):
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers,
+            Client(workers, set_as_default=False) as client,
+        ):
+            runs.append([])
+
+            def close(done: int, total: int, client: Client = client) -> None:
+                runs[-1].append(done)
+                if len(runs) == 1 and done:
+                    client.close()
+
+            with contextlib.suppress(CancelledError):
+                run(study(), tmp_path, executor=client.get_executor(), progress=close)
+    assert 0 < runs[0][-1] == runs[1][0] < runs[1][-1] == 24
+    assert_frame_equal(collect(study(), tmp_path), whole, check_exact=True)
 
 
 # --- the command -----------------------------------------------------------------------------------
