@@ -14,6 +14,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +72,21 @@ def build(platform: str, output: Path) -> Path:
 def main() -> None:
     """Build the wheels that are asked for, all unless told otherwise."""
     from vibroscreen.compiler import machine
+    from vibroscreen.compiler.library import WEB
+    from vibroscreen.kernels import library
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("platform", nargs="*", help=", ".join(machine.PLATFORMS))
     parser.add_argument("--output", type=Path, default=Path("dist"))
     given = parser.parse_args()
-    for name in given.platform or machine.PLATFORMS:
+    asked = given.platform or list(machine.PLATFORMS)
+    for name in asked:
         if name not in machine.PLATFORMS:
             parser.error(f"platform = {name!r} is unknown: give {', '.join(machine.PLATFORMS)}")
+    library.library()  # what all platforms share; then each by a process of its own
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(library.library, [*asked, WEB]))
+    for name in asked:
         wheel = build(name, given.output)
         print(f"{wheel} ({wheel.stat().st_size / 1e3:.0f} kB)")
 
