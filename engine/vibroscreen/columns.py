@@ -24,7 +24,7 @@ from vibroscreen.errors import InputError
 from vibroscreen.fields import Number, entries, from_si, nearest
 from vibroscreen.keys import UNITS, reading
 from vibroscreen.motion import Motion
-from vibroscreen.stream import Feed
+from vibroscreen.stream import Feed, product_names
 from vibroscreen.units import HOUR, MINUTE, MM
 
 __all__ = ["MOST", "STAMP", "TIMES", "Column", "input_column", "passing_columns", "product_column"]
@@ -96,11 +96,9 @@ def product_column(name: str, decks: int) -> tuple[str, float] | None:
     if match is None or unit is None or unit.si != "kg/s":
         return None
     stream = "intermediate[1]" if match[1] == "intermediate" else match[1]
-    between = [f"intermediate[{k}]" for k in range(1, decks)]
-    if stream not in ("undersize", "oversize", *between):
+    if stream not in product_names(decks):
         raise InputError(
-            f"{name}: the screen has no product {stream}: it has "
-            f"{', '.join(('oversize', *between, 'undersize'))}"
+            f"{name}: the screen has no product {stream}: it has {', '.join(product_names(decks))}"
         )
     return stream, unit.factor
 

@@ -469,6 +469,11 @@ def said(default: Any, entry: Entry) -> Any:
     return dataclasses.field(default=default, metadata=of(entry))
 
 
+def fields_alone(one: Any) -> dict[str, Any]:
+    """What is pickled of a dataclass: its fields; what was found of them is found again."""
+    return {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+
+
 def entries(kind: Any) -> dict[str, Entry]:
     """Entry of every field of a configuration dataclass that has one, by the name of the field."""
     fields = dataclasses.fields(kind)

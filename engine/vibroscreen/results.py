@@ -160,11 +160,15 @@ class Told:
     intermediate: Any
 
     @property
-    def streams(self) -> dict[str, Stream]:
-        """Feed and products by name: `intermediate[k]` left over deck k + 1 [kg/s]."""
+    def products(self) -> dict[str, Stream]:
+        """Products by name: `intermediate[k]` left over deck k + 1 [kg/s]."""
         between = {f"intermediate[{k}]": s for k, s in enumerate(self.intermediate, start=1)}
-        ends = {"feed": self.decks[0].feed, "undersize": self.undersize}
-        return {**ends, **between, "oversize": self.oversize}
+        return {"undersize": self.undersize, **between, "oversize": self.oversize}
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """Feed and products by name [kg/s]."""
+        return {"feed": self.decks[0].feed, **self.products}
 
     @cached_property
     def decks(self) -> tuple[DeckResult[float], ...]:

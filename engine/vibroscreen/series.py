@@ -24,7 +24,7 @@ from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.motion import Motion
 from vibroscreen.results import StepResult
 from vibroscreen.screen import Screen
-from vibroscreen.stream import Feed, fractions_of_passing
+from vibroscreen.stream import Feed, fractions_of_passing, product_names
 from vibroscreen.units import KW, MM, PERCENT, T_H
 
 __all__ = ["Moment", "Series", "figures_of_step", "read_series", "run_series"]
@@ -232,10 +232,10 @@ def run_series(
 
 def figures_of_step(result: StepResult) -> dict[str, float]:
     """What a step gave, in the units of the keys: means over it, and the state at its end."""
-    between = {f"intermediate[{k}]": s for k, s in enumerate(result.intermediate, start=1)}
-    streams = {"oversize": result.oversize, **between, "undersize": result.undersize}
+    products = result.products
     row = {"feed_t_h": result.decks[0].feed_rate / T_H}
-    row.update({f"{name}_t_h": stream.mass_flow_rate / T_H for name, stream in streams.items()})
+    for name in product_names(len(result.decks)):
+        row[f"{name}_t_h"] = products[name].mass_flow_rate / T_H
     for deck in result.decks:
         row[f"deck[{deck.deck}].efficiency"] = deck.efficiency
         row[f"deck[{deck.deck}].depth_discharge_mm"] = deck.depth_discharge / MM

@@ -254,6 +254,11 @@ class Stream:
         return np.concatenate([[0.0], np.cumsum(self.mass_fraction)])
 
 
+def product_names(decks: int) -> tuple[str, ...]:
+    """Names of the products of a box, from the top: `intermediate[k]` is left over deck k + 1."""
+    return ("oversize", *(f"intermediate[{k}]" for k in range(1, decks)), "undersize")
+
+
 def _numbers(name: str, values: Any) -> tuple[float, ...]:
     """Values as floats; InputError for the first that is no finite number."""
     return Numbers(name.rpartition(".")[2], _ANY).check(name, values)

@@ -9,6 +9,7 @@ import math
 
 __all__ = [
     "CM",
+    "DAY",
     "DEG",
     "GRAVITY",
     "G_CM3",
@@ -38,6 +39,7 @@ INCH = 0.0254  # m
 DEG = math.pi / 180.0  # rad
 MINUTE = 60.0  # s
 HOUR = 3600.0  # s
+DAY = 86400.0  # s
 RPM = 1.0 / 60.0  # Hz, from 1/min
 TONNE = 1000.0  # kg
 T_H = 1.0 / 3.6  # kg/s, from t/h

@@ -24,7 +24,7 @@ import pandas as pd
 
 from tests.benchmarks.output import write_json
 from tests.places import SCREENS
-from vibroscreen import Feed, Screen, ScreenConfig
+from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.replay import PlantData, Summary, read_plant, replay, table_file
 from vibroscreen.replay.run import moments
 from vibroscreen.units import MM, T_H
@@ -65,11 +65,10 @@ def worst_apart(config: ScreenConfig, plant: PlantData, rows: int) -> float:
     return worst / config.feed.mass_flow_rate
 
 
-def products(screen: Screen, dt: float, feed: Feed, motion: object) -> np.ndarray:
+def products(screen: Screen, dt: float, feed: Feed, motion: Motion) -> np.ndarray:
     """Products of a step by class [kg/s]."""
-    result = screen.step(dt, feed, motion)  # type: ignore[arg-type]
-    streams = (result.undersize, result.oversize, *result.intermediate)
-    return np.array([stream.class_rates for stream in streams])
+    result = screen.step(dt, feed, motion)
+    return np.array([stream.class_rates for stream in result.products.values()])
 
 
 def peak() -> float:

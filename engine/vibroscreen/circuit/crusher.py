@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit, apply
+from vibroscreen.circuit.unit import Array, Given, Mixed, Running, Target, Unit, apply
 from vibroscreen.errors import ConfigError
 from vibroscreen.fields import (
     Entry,
@@ -243,24 +243,12 @@ class JawCrusher(Crusher):
     broken_ratio: float = number(3.0, "broken_ratio", above=0.0, at_most=20.0)
 
 
-class _Crushing(Running):
+class _Crushing(Mixed):
     """A crusher that holds what came in crushed, perfectly mixed; nothing without a hold-up."""
 
     def __init__(self, crusher: Crusher, edges: Array) -> None:
-        self._transfer = crusher.transfers(edges, {})["product"]
-        self._time, self._held = crusher.hold_up, np.zeros(edges.size - 1)
-
-    @property
-    def held(self) -> Array:
-        return self._held
-
-    @property
-    def memory(self) -> Array:
-        return self._held.copy()
-
-    @memory.setter
-    def memory(self, row: Array) -> None:
-        self._held = row.copy()
+        super().__init__(edges)
+        self._transfer, self._time = crusher.transfers(edges, {})["product"], crusher.hold_up
 
     def step(self, feed: Array, dt: float) -> dict[str, Array]:
         """d held/dt = product - held/time, solved exactly over the step."""

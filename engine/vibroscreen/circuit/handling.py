@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vibroscreen.circuit.unit import Array, Given, Running, Target, Unit
+from vibroscreen.circuit.unit import Array, Given, Mixed, Running, Target, Unit
 from vibroscreen.errors import ConfigError, InputError
 from vibroscreen.fields import number, said
 from vibroscreen.units import GRAVITY, HOUR, KW, T_H, TONNE
@@ -135,23 +135,12 @@ class _AtOnce(Running):
         return {outlet: share[0] * feed for outlet, share in self._shares.items()}
 
 
-class _Heap(Running):
+class _Heap(Mixed):
     """What lies in a bin."""
 
     def __init__(self, unit: Bin, edges: Array) -> None:
-        self._unit, self._held = unit, np.zeros(edges.size - 1)
-
-    @property
-    def held(self) -> Array:
-        return self._held
-
-    @property
-    def memory(self) -> Array:
-        return self._held.copy()
-
-    @memory.setter
-    def memory(self, row: Array) -> None:
-        self._held = row.copy()
+        super().__init__(edges)
+        self._unit = unit
 
     def step(self, feed: Array, dt: float) -> dict[str, Array]:
         there = self._held + feed * dt

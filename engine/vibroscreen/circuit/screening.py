@@ -158,7 +158,4 @@ class RunningScreen(Running):
         if total > 0.0:
             self._composition = (feed / total).tolist()
         self.result = self._screen.step(dt, Feed(total, tuple(self._composition)), self.motion)
-        streams = {"undersize": self.result.undersize, "oversize": self.result.oversize}
-        between = enumerate(self.result.intermediate, start=1)
-        streams |= {f"intermediate[{k}]": stream for k, stream in between}
-        return {outlet: stream.class_rates for outlet, stream in streams.items()}
+        return {outlet: stream.class_rates for outlet, stream in self.result.products.items()}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroscreen.errors import ConfigError
-from vibroscreen.fields import Number, Text, check_fields, entries, said
+from vibroscreen.fields import Number, Text, check_fields, entries, fields_alone, said
 
 __all__ = ["Array", "Given", "Name", "Running", "Target", "Unit", "apply", "numbers_of"]
 
@@ -67,10 +67,7 @@ class Unit(ABC):
         """The same unit with other numbers by field, SI, checked again."""
         return dataclasses.replace(self, **values)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Its fields: what was found of them is found again where it is unpickled."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-
+    __getstate__ = fields_alone
     has_drive: ClassVar = False
 
     def power(self, edges: Array, feed: Array, product: Array, given: Given | None = None) -> Array:
@@ -116,6 +113,26 @@ class Running(ABC):
     @abstractmethod
     def step(self, feed: Array, dt: float) -> dict[str, Array]:
         """Mean rates by class [kg/s] of every outlet over a step of dt [s], the feed constant."""
+
+
+class Mixed(Running):
+    """A unit in which all that it holds is perfectly mixed, and nothing else is remembered."""
+
+    def __init__(self, edges: Array) -> None:
+        """Empty; `edges`: the limits of the classes."""
+        self._held = np.zeros(edges.size - 1)
+
+    @property
+    def held(self) -> Array:
+        return self._held
+
+    @property
+    def memory(self) -> Array:
+        return self._held.copy()
+
+    @memory.setter
+    def memory(self, row: Array) -> None:
+        self._held = row.copy()
 
 
 def apply(transfer: Array, streams: Array) -> Array:

@@ -18,7 +18,7 @@ from vibroscreen.replay import Limits, PlantData, Source, Summary, read_plant, r
 from vibroscreen.replay.fmu import fmu_stepper
 from vibroscreen.replay.run import Engine, Stepper
 from vibroscreen.replay.track import TRACKED, Track, track
-from vibroscreen.units import MINUTE, PERCENT, TONNE
+from vibroscreen.units import DAY, HOUR, MINUTE, PERCENT, TONNE
 
 EXAMPLES = """vibroscreen replay plant.csv screen.toml --time Time --rate WI101.PV --plot day.png
 vibroscreen replay plant.parquet screen.toml --column undersize_t_h=WI103 --gap stop -o day.parquet
@@ -227,7 +227,7 @@ def _print_track(found: Track, data: PlantData) -> None:
 
 def _length(seconds: float) -> str:
     """A time as people say it."""
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+    for unit, size in (("d", DAY), ("h", HOUR), ("min", MINUTE)):
         if seconds > 2.0 * size:
             return f"{seconds / size:.4g} {unit}"
     return f"{seconds:.4g} s"

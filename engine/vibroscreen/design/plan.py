@@ -27,6 +27,7 @@ from vibroscreen.fields import (
     OfFile,
     Sections,
     Text,
+    fields_alone,
     nearest,
     said,
 )
@@ -252,9 +253,7 @@ class Search(OfFile):
         """Whether it is about a screen or a circuit."""
         return "screen" if isinstance(self.subject, ScreenConfig) else "circuit"
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Its fields: what solves designs is made again where it is unpickled."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+    __getstate__ = fields_alone
 
     # --- designs ---------------------------------------------------------------------------------
     @cached_property

@@ -12,7 +12,7 @@ from vibroscreen.config import ScreenConfig
 from vibroscreen.errors import InputError
 from vibroscreen.figures import ALARMS
 from vibroscreen.replay.run import Stepper
-from vibroscreen.stream import Feed
+from vibroscreen.stream import Feed, product_names
 from vibroscreen.units import KW, MM, T_H
 
 __all__ = ["fmu_stepper"]
@@ -109,9 +109,8 @@ class _FmuStepper:
 
 def _outputs(decks: int) -> dict[str, tuple[str, float]]:
     """Columns of a replay in their order: the variable of the FMU, and their unit in its unit."""
-    between = [f"intermediate[{k}]" for k in range(1, decks)]
     found = {"feed_t_h": ("deck[1].performance.feed_rate", T_H)}
-    for stream in ("oversize", *between, "undersize"):
+    for stream in product_names(decks):
         found[f"{stream}_t_h"] = (f"{stream}.mass_flow_rate", T_H)
     for k in range(1, decks + 1):
         found[f"deck[{k}].efficiency"] = (f"deck[{k}].performance.efficiency", 1.0)

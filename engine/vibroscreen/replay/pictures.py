@@ -14,7 +14,8 @@ from vibroscreen.replay.plant import PlantData
 from vibroscreen.replay.run import measured_name
 from vibroscreen.replay.track import TRACKED, Track
 from vibroscreen.report.pictures import BAND, COLOURS, DASHES, FEED, deck_name, product_name, styled
-from vibroscreen.units import HOUR
+from vibroscreen.stream import product_names
+from vibroscreen.units import DAY, HOUR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,6 @@ __all__ = ["Curves", "draw"]
 
 # Points of a curve: rows are averaged where there are more.
 POINTS = 1500
-DAY = 24.0 * HOUR
 
 
 class Curves:
@@ -104,8 +104,7 @@ def draw(
 
 
 def _draw_products(axes: Any, times: Any, table: pd.DataFrame, decks: int) -> None:
-    between = [f"intermediate[{k}]" for k in range(1, decks)]
-    looks = zip(("oversize", *between, "undersize"), cycle(COLOURS), cycle(DASHES), strict=False)
+    looks = zip(product_names(decks), cycle(COLOURS), cycle(DASHES), strict=False)
     for product, colour, dashes in looks:
         label = product_name(product)
         axes.plot(times, table[f"{product}_t_h"], color=colour, ls=dashes, lw=0.9, label=label)

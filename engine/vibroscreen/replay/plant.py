@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -137,11 +137,13 @@ class _Reading:
         every = np.concatenate(stamps) if stamps else np.empty(0, dtype=np.int64)
         kept = self._in_order(every)
         rows = {
-            name: tuple(np.concatenate([part[k][n] for part in parts])[kept] for n in range(2))
+            name: (
+                np.concatenate([part[k][0] for part in parts])[kept],
+                np.concatenate([part[k][1] for part in parts])[kept],
+            )
             for k, name in enumerate(columns)
         }
-        cells = {one.key: [rows[name] for name in one.columns] for one in self.channels}
-        return every[kept], cells  # type: ignore[return-value]
+        return every[kept], {one.key: [rows[name] for name in one.columns] for one in self.channels}
 
     def _in_order(self, every: NDArray[np.int64]) -> Places:
         """Places of the rows that count, in the order of time."""
@@ -305,7 +307,7 @@ _ROUND_OFF = 1e-9
 _HOW = {"hold": "held", "stop": "taken as 0", "interpolate": "interpolated"}
 
 
-def _wide(values: NDArray, place: Places, size: int, rest: float) -> NDArray:  # type: ignore[type-arg]
+def _wide(values: NDArray[Any], place: Places, size: int, rest: float) -> NDArray[Any]:
     """Values at their places in more rows, the rest elsewhere."""
     wide = np.full((size, *values.shape[1:]), rest, dtype=values.dtype)
     wide[place] = values

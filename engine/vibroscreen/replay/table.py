@@ -36,13 +36,19 @@ MOST_HEAD, PART = 50, 100_000
 class Export:
     """Columns of a file, and its rows in parts: by column, cells as text, or as parquet types them.
 
-    line: number of the line of the first row. comma: whether decimals may follow a comma.
+    line: number of the line of the first row; separator: of cells, empty for parquet; raw: the text
+    of the rows, or a file of pyarrow.
     """
 
     columns: tuple[str, ...]
     line: int
-    comma: bool
+    separator: str
     raw: Any
+
+    @property
+    def comma(self) -> bool:
+        """Whether decimals may follow a comma."""
+        return self.separator != ","
 
     def parts(self, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
         """Rows with the wanted columns. Raises InputError for a file that is broken further on."""
@@ -83,13 +89,12 @@ def _export(text: str, cells: list[str], line: int, separator: str) -> Export:
     rest = io.StringIO(text, newline=None)
     for _ in range(line):
         rest.readline()
-    return Export(tuple(cells), line + 1, separator != ",", separator + rest.read())
+    return Export(tuple(cells), line + 1, separator, rest.read())
 
 
 def _csv_parts(export: Export, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
-    separator, body = export.raw[0], export.raw[1:]
     places = [export.columns.index(name) for name in wanted]
-    rows = csv.reader(io.StringIO(body, newline=""), delimiter=separator, strict=True)
+    rows = csv.reader(io.StringIO(export.raw, newline=""), delimiter=export.separator, strict=True)
     while True:
         try:
             part = [row for row in islice(rows, PART) if any(row)]
@@ -111,7 +116,7 @@ def _parquet(raw: bytes) -> Export:
     arrow, parquet = pyarrow()
     try:
         file = parquet.ParquetFile(io.BytesIO(raw))
-        return Export(tuple(file.schema_arrow.names), 1, comma=True, raw=file)
+        return Export(tuple(file.schema_arrow.names), 1, separator="", raw=file)
     except (arrow.ArrowException, OSError) as error:
         raise InputError(f"the parquet file is broken ({error}): export it anew", "plant") from None
 

@@ -209,10 +209,8 @@ def _products(
     for k, lasts in enumerate(plant.lasts.tolist()):
         if k > 0:
             feed, motion = next(through)
-        result = screen.step(lasts, feed, motion)
-        rates = {"undersize": result.undersize, "oversize": result.oversize}
-        rates.update((f"intermediate[{k}]", s) for k, s in enumerate(result.intermediate, start=1))
-        yield [rates[name].mass_flow_rate for name in names]
+        products = screen.step(lasts, feed, motion).products
+        yield [products[name].mass_flow_rate for name in names]
 
 
 # --- the filter ----------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroscreen.errors import InputError
+from vibroscreen.stream import product_names
 from vibroscreen.survey.read import Survey, SurveyRun
 from vibroscreen.units import MM, PERCENT, T_H
 
@@ -247,8 +248,7 @@ def _products(survey: Survey, decks: int | None) -> tuple[str, ...]:
             f"intermediate[{count - 1}] is the oversize of deck {count}: a box has up to 4",
             "stream",
         )
-    between = [f"intermediate[{k}]" for k in range(count - 1, 0, -1)]
-    return ("undersize", *between, "oversize")
+    return product_names(count)[::-1]
 
 
 # --- one run -------------------------------------------------------------------------------------

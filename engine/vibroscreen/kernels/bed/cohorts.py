@@ -43,8 +43,7 @@ def keep_leader(buffer, deck):
 
 @kernel
 def leaves_whole(buffer, duration):
-    """Whether all that lies on the deck of a box of one is a cohort that covers it, as it did when
-    the deck was steady, and leaves it within `duration` s."""
+    """Whether one cohort covers the only deck, as a steady one does, and leaves in `duration` s."""
     book, span = state.book(buffer, 0), 0.0
     whole = travel.residence_time(buffer, 0)
     if book.packages == 0.0 or state.extent(buffer).decks > 1 or book.cohort_front > 0.0:
@@ -62,18 +61,19 @@ def leaves_whole(buffer, duration):
 
 @kernel
 def let_go(buffer):
-    """Let a cohort that covers the deck leave it: as much passes of each part as of its leading
-    slice, which is at the discharge, and the rest is oversize."""
+    """Let a cohort that covers the deck leave it as a whole.
+
+    As much passes of each part as of its leading slice, which is at the discharge; the rest is
+    oversize.
+    """
     leading = int(package.leader_at(buffer, 0, 0)) - 1
     first, before = travel.panel_velocity(buffer, 0, 0), state.part_before(buffer, 0)
     whole = state.passed(buffer, 0, leading)
     undersize, oversize = falls.undersize(buffer, 0), falls.oversize(buffer, 0)
     for k in range(state.book(buffer, 0).packages):
         index = package.slot_at(buffer, 0, k)
-        area, on_panel = (
-            package.area_of(buffer, 0, index),
-            first / package.velocity_of(buffer, 0, index),
-        )
+        area = package.area_of(buffer, 0, index)
+        on_panel = first / package.velocity_of(buffer, 0, index)
         load, layers = state.load(buffer, 0, index), package.layers_of(buffer, 0, index)
         vectors.fill(before, 0.0)
         vectors.add_rows(before, 1.0, load, layers)
