@@ -390,9 +390,10 @@ class Passage:
     (MODEL.md, "Closures in the vibration"). With the law `bounce` it is that of a bed four
     apertures deep. Of the law `bounce` [1]: rim, 0 where only grains clear of the rim pass
     (Gaudin), 1 where the rim guides all grains in whose centre is over the opening; crowding, how
-    much grains that try the same opening hinder each other; drift, by how much of an aperture the
-    bed carries a sinking grain on, at sqrt(g aperture); levelling, aperture over the most that the
-    deck shakes of a bed; bouncing, how much higher than the deck throws a lone grain bounces.
+    much grains that try the same opening hinder each other, about how many lie over one; drift, by
+    how much of an aperture the bed carries a sinking grain on, at sqrt(g aperture); levelling,
+    aperture over the most that the deck shakes of a bed; bouncing, how much higher than the deck
+    throws a lone grain bounces.
     """
 
     law: str = said(
@@ -422,7 +423,7 @@ class Passage:
     )
     velocity_table: tuple[tuple[float, float], ...] | None = said(None, _VelocityTable())
     rim: float = number(
-        0.33,
+        0.34,
         "rim",
         at_least=0.0,
         at_most=1.0,
@@ -431,7 +432,7 @@ class Passage:
         cure="0 is Gaudin, 1 guides every grain in",
     )
     crowding: float = number(
-        2.0,
+        2.1,
         "crowding",
         at_least=0.0,
         at_most=100.0,
@@ -440,7 +441,7 @@ class Passage:
         cure="0 lets any number pass at once",
     )
     drift: float = number(
-        0.16,
+        0.17,
         "drift",
         at_least=0.0,
         at_most=10.0,
@@ -449,7 +450,7 @@ class Passage:
         cure="0 lets grains pass at any velocity",
     )
     levelling: float = number(
-        0.2,
+        0.22,
         "levelling",
         at_least=0.0,
         at_most=100.0,

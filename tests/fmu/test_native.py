@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -290,13 +290,15 @@ def test_a_state_of_either_runtime_is_one_of_the_other(
 
 
 # --- other platforms -----------------------------------------------------------------------------
+def of_wine(program: str) -> str | None:
+    """Path of a program of wine; Debian's package wine64 leaves them outside of PATH."""
+    return shutil.which(program, path=f"{os.environ['PATH']}:/usr/lib/wine")
+
+
 def emulator(target: str) -> list[str]:
     """What runs programs of a platform here; skips, and says so, where nothing does."""
     if target == "win64":
-        # Debian's package wine64 leaves the program outside of PATH.
-        wine = shutil.which("wine64", path=f"{os.environ['PATH']}:/usr/lib/wine") or (
-            shutil.which("wine")
-        )
+        wine = of_wine("wine64") or of_wine("wine")
         return [wine] if wine else pytest.skip("wine is not installed: win64 was built, not run")
     qemu = shutil.which("qemu-aarch64")
     root = Path("/usr/aarch64-linux-gnu")
@@ -305,11 +307,27 @@ def emulator(target: str) -> list[str]:
     return [qemu, "-L", str(root)]
 
 
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """The environment of programs for Windows: a folder and a server of their own.
+
+    One server for all of them: a program that starts while the last server ends does not get far.
+    """
+    found = {"WINEDEBUG": "-all", "WINEPREFIX": str(tmp_path_factory.mktemp("wine"))}
+    server = of_wine("wineserver64")
+    if server:
+        subprocess.run([server, "-p"], env={**os.environ, **found}, check=True)
+    yield found
+    if server:
+        subprocess.run([server, "-k"], env={**os.environ, **found}, check=False)
+
+
 @pytest.mark.parametrize("target", FOREIGN)
 def test_other_platforms_give_the_same_bytes(
     target: str,
     every_platform: Path,
     built: Callable[[str], Built],
+    quiet: dict[str, str],
     tmp_path: Path,
 ) -> None:
     program = emulator(target)
@@ -319,12 +337,6 @@ def test_other_platforms_give_the_same_bytes(
     made = compiled(REPLAY, tmp_path / name, target=target)
     (unzipped,) = (folder / "binaries" / target).iterdir()
     calls = list(walk(one.python.ports, STEPS, seed=3, hostile=True))
-    quiet = {"WINEDEBUG": "-all", "WINEPREFIX": str(tmp_path / "wine")}
-    server = Path(program[0]).with_name("wineserver64")
-    if server.exists():
-        # One for both runs: a program that starts while the last server ends does not get far.
-        (tmp_path / "wine").mkdir()
-        subprocess.run([server, "-p60"], env={**os.environ, **quiet}, check=True)
     got = replayed([*program, made], unzipped, calls, one.guid, tmp_path, **quiet)
     wanted = one.python.answer(calls)
     assert got == wanted, first_difference(one.python, got)
@@ -514,13 +526,12 @@ def allocating_passage(size, fraction, scene, probability) -> None:
 
 @pytest.mark.parametrize("target", [HOST, *FOREIGN])
 def test_a_sub_model_of_ones_own_lies_beside_the_engine(
-    target: str, replay: Path, tmp_path: Path
+    target: str, replay: Path, quiet: dict[str, str], tmp_path: Path
 ) -> None:
     program: list[str | Path] = [replay]
     if target != HOST:
         program = [*emulator(target), tmp_path / f"replay{'.exe' * (target == 'win64')}"]
         compiled(REPLAY, Path(program[-1]), target=target)
-    quiet = {"WINEDEBUG": "-all", "WINEPREFIX": str(tmp_path / "wine")}
     registry.register("passage", "straight", square_root_passage)
     config = ScreenConfig.default().replace(passage=Passage("straight", velocity=0.08))
     path = write_native_fmu(config, tmp_path, [target])

@@ -20,6 +20,7 @@ from plate.decks import deck_runs, twice_the_feed
 from plate.isolated import isolated
 from plate.rides import HARDLY, ride_errors
 from plate.segregation import growth
+from plate.simulations import KINDS
 from vibroscreen import Feed, Motion, Screen, ScreenConfig
 from vibroscreen.calibrate import calibrate
 from vibroscreen.sections import Displacement, Panel
@@ -123,7 +124,7 @@ def rmse(errors: list[np.ndarray]) -> float:
 def test_the_plate_meets_the_decks(plate: ScreenConfig) -> None:
     """At the velocities of the simulation."""
     errors = {name: deck_error(plate, name) for name in DECKS}
-    assert rmse(list(errors.values())) <= 0.034
+    assert rmse(list(errors.values())) <= 0.03
     assert max(rmse([error]) for error in errors.values()) <= 0.05
 
 
@@ -166,7 +167,7 @@ def test_twice_the_base_feed(plate: ScreenConfig) -> None:
 def test_lone_spheres(plate: ScreenConfig) -> None:
     """With the numbers of beds: single spheres bounce on, and pass by the law's shape in size."""
     alone = isolated(plate.passage.velocity, plate.passage.rim)
-    assert 5.0 < alone.bouncing < plate.passage.bouncing
+    assert 5.0 < alone.bouncing < 15.0
     assert alone.error < 0.06
 
 
@@ -174,7 +175,7 @@ def test_undersize_along_the_decks(plate: ScreenConfig) -> None:
     """Segments within two standard errors of the particles that were counted."""
     values, runs = numbers(plate), deck_runs(measured_velocity=True)
     inside = {run.name: along.within(along.along(run, values)) for run in runs}
-    assert sum(inside.values()) >= 60
+    assert sum(inside.values()) >= 55
 
 
 def test_classes_of_the_plate_have_the_spheres_as_means(plate: ScreenConfig) -> None:
@@ -213,10 +214,11 @@ def test_segregation_by_the_constants_of_the_batches(batch: dict[str, float]) ->
     assert grown["modelled"]["G1"] == pytest.approx(grown["measured"]["G1"], rel=0.5)
 
 
-def test_a_kind_left_out() -> None:
-    """Both circular decks are met by numbers that have not seen a circular motion."""
-    runs = [run for run in fit.all_runs() if run.name not in ("CP", "CM")]
-    left = [run for run in fit.all_runs() if run.name in ("CP", "CM")]
+@pytest.mark.parametrize("kind", ["circular", "all slopes", "deep", "composition", "2 mm"])
+def test_a_kind_left_out(kind: str) -> None:
+    """Met by numbers that have not seen a case of it."""
+    runs = [run for run in fit.all_runs() if run.name not in KINDS[kind]]
+    left = [run for run in fit.all_runs() if run.name in KINDS[kind]]
     found = calibrate(runs, fit.COMMON_NUMBERS, starts=1, leave_out=False)
     errors = fit.run_errors(left, fit.numbers_of(found))
     assert rmse([np.array([error]) for error in errors.values()]) <= 0.06

@@ -62,7 +62,7 @@ at 15 Hz, 35 mm deep; S2 2 mm; S3 4 mm; S4 half as deep; S6 a finer feed.
 **Fitted with {len(calibration.fit.parameters)} numbers, RMSE {calibration.fit.rmse:.4f}** (target
 0.04, with at most six). **Each case left out in turn: {calibration.fit.held_out_rmse:.4f}.** Law
 `bounce`, model `exchange`, both velocities by the closure in the vibration. Drift plays no part:
-nothing conveys. Held, though chosen with these data in view, so that they count as fitted: crowding
+nothing conveys. Held by what is not among these data ([DEM decks](#dem-decks)): crowding
 {CROWDING:g}, levelling {LEVELLING:g}, bouncing {BOUNCING:g}; the contact layer, 12 mm, one coarsest
 grain, and the layers above, {LAYER / MM:g} mm. Gaps go with the grains alone.
 

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from bed_velocity import OPENINGS_GRIP, PERFORATED, ROLLING
-from plate.simulations import APERTURE, BAR, BULK_DENSITY, COARSEST, DECK_LENGTH, OPEN_AREA
+from plate.simulations import (
+    APERTURE,
+    BAR,
+    BULK_DENSITY,
+    COARSEST,
+    DECK_LENGTH,
+    DENSITY,
+    OPEN_AREA,
+)
 from vibroscreen import Feed, Motion, ScreenConfig
 from vibroscreen.sections import (
     Bed,
@@ -21,7 +30,9 @@ from vibroscreen.size_classes import SizeClasses
 from vibroscreen.units import MM
 
 LAYER = 4.0 * MM  # the mixing length above the contact layer, which is one coarsest grain
-CROWDING, LEVELLING = 2.0, 0.2  # round, chosen with fits of them in view
+# How many spheres as large as an opening lie over each in a layer one aperture deep.
+CROWDING = round(BULK_DENSITY / DENSITY / OPEN_AREA / (math.pi / 6.0), 2)
+LEVELLING = 0.22  # by the 60 mm of bed L.d60 of our own DEM (`rides`), which allows 0.2 to 0.25
 BOUNCING = 10.0  # by single spheres (`isolated`); the decks and batches hardly see it
 NARROW = 0.05  # mm
 

@@ -307,6 +307,8 @@ def link(chosen: Platform, name: str, files: Mapping[str, bytes], flags: Sequenc
     target: tuple[str, ...] = ()
     if crossing:
         target = ("-target", chosen.zig, "-fno-sanitize=all")
+        if "windows" not in chosen.triple:
+            target += ("-rtlib=none",)  # nothing is taken from it, and it is compiled at first use
     elif chosen is not PLATFORMS[host()]:
         raise ConfigError(
             f"platform = {chosen.triple} cannot be linked by {command[0]}, only this machine's: "

@@ -74,23 +74,23 @@ def test_a_number_by_hand() -> None:
     """6 mm at 8 mm, 20 mm of bed: each step with the calculator.
 
     g = 1 - .75 * .75 = .4375; sqrt(g a) = .28014 m/s, so .25 * .14007/.28014 * sqrt(.75) = .10825
-    of the opening is lost on the way, l = .32925, g l = .144045; h_t = 3 mm, H_b = 20/sqrt(1 +
-    (.4 * 2.5)^2) = 14.1421 mm, E^2 = (14.1421 + 3 (1 + 8/4))/(32 + 3) = .661203, E = .813144; B =
-    2 * .5 * .144045/.75^3 = .341440; P = .5 * .144045/(.813144 * 1.341440) = .066028.
+    of the opening is lost on the way, l = .32925, g l = .144045; h_t = 3 mm, H_b = 8/.5 = 16 mm of
+    the 20, E^2 = (16 + 3 (1 + 8/4))/(32 + 3) = .714286, E = .845154; B = 2 * .5 * .144045/.75^3 =
+    .341440; P = .5 * .144045/(.845154 * 1.341440) = .063527.
     """
     found = passing(
         [0.006],
         rim=0.25,
         crowding=2.0,
         drift=0.25,
-        levelling=0.4,
+        levelling=0.5,
         bouncing=8.0,
         transport_velocity=0.14007,
         throw_height=0.003,
         bed_load=RHO * 0.020,
         cover=0.5,
     )
-    assert found == pytest.approx([0.066028], rel=2e-5)
+    assert found == pytest.approx([0.063527], rel=2e-5)
 
 
 def test_the_bed_carries_grains_over_the_openings() -> None:
@@ -116,7 +116,8 @@ def test_a_deep_bed_takes_longer_to_come_down() -> None:
         assert tries(depth) / tries(0.02) == pytest.approx(
             math.sqrt((0.02 + THROW) / (depth + THROW))
         )
-    assert tries(1e6, 0.2) == pytest.approx(tries(5.0 * APERTURE), rel=1e-9)
+    assert tries(1e6, 0.2) == tries(5.0 * APERTURE, 0.2) == tries(5.0 * APERTURE)
+    assert tries(4.9 * APERTURE, 0.2) == tries(4.9 * APERTURE)
 
 
 def test_a_lone_grain_bounces_on() -> None:
@@ -247,7 +248,7 @@ def test_a_mixed_deck_against_scipy() -> None:
         depth = load.sum() / RHO
         cover = min(1.0, depth / CONTACT)
         lying = load / load.sum() * cover
-        shaken = depth / math.hypot(1.0, LAW["levelling"] * depth / APERTURE)
+        shaken = min(depth, APERTURE / LAW["levelling"])
         high = THROW * (1.0 + LAW["bouncing"] * (1.0 - cover) ** 2)
         held = math.sqrt((shaken + high) / (4.0 * APERTURE + THROW))
         busy = LAW["crowding"] * (free * lying / room).sum()

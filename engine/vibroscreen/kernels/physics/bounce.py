@@ -11,7 +11,7 @@ def bounce(size, fraction, scene, probability):
     """Grains try at each landing of the bed, are carried on while they sink, and crowd each other.
 
     P_i = phi g_i l_i/(E (1 + B)), H = depth of the bed, h_t = height to which the deck throws,
-    H_b = H/sqrt(1 + (levelling H/a)^2), what the deck shakes of it,
+    H_b = min(H, a/levelling), what the deck shakes of it,
     E^2 = (H_b + h_t (1 + bouncing (1 - cover)^2))/(4 a + h_t): how far the bed comes down,
     g_i = 1 - (1 - rim) d_i/across for d_i < a, else 0: the free part of the side across the flow,
     l_i = max(0, along - (1 - rim) d_i - max(along - seen, drift v sqrt(d_i/g)))/along: the same of
@@ -26,7 +26,7 @@ def bounce(size, fraction, scene, probability):
     level = scene.levelling * depth / aperture
     bare = 1.0 - scene.cover
     thrown = scene.throw_height * (1.0 + scene.bouncing * bare * bare)
-    down = depth / sqrt(1.0 + level * level) + thrown
+    down = depth / max(1.0, level) + thrown
     usual = closure.USUAL_DEPTH * aperture + scene.throw_height
     held = sqrt(down / usual)
     crowd = 0.0
