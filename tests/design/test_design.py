@@ -264,7 +264,7 @@ def test_the_command_searches_on_a_cluster(tmp_path: Path) -> None:
     command = ["design", str(file), "--json"]
     here = CliRunner().invoke(app, command)
     with LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
     ) as workers:
         there = CliRunner().invoke(app, [*command, "--scheduler", workers.scheduler_address])
     assert there.exit_code == 0, there.output

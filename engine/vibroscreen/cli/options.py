@@ -104,8 +104,12 @@ def cluster(address: str | None, stack: ExitStack) -> Executor | None:
     """The workers of a scheduler, which starts a task anew where a worker is lost; or none."""
     if address is None:
         return None
+    import logging
+
     from distributed import Client
 
+    # It would print traces of what is said in a line when the scheduler is gone.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         client = stack.enter_context(Client(address, timeout=10))
     except OSError as error:

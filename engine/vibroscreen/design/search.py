@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vibroscreen.design.plan import SHARP, SLACK, Search
 from vibroscreen.study.plan import fingerprint
-from vibroscreen.study.runner import keep
+from vibroscreen.study.runner import keep, workers_of
 
 __all__ = ["Found", "search"]
 
@@ -145,7 +145,8 @@ class _Memory:
         if self._executor is None:
             return _part(self._what, rows)
         parts = [rows[start : start + PART] for start in range(0, len(rows), PART)]
-        found = self._executor.map(_part, [self._what] * len(parts), parts)
+        with workers_of(self._path and self._path.parent):
+            found = list(self._executor.map(_part, [self._what] * len(parts), parts))
         return pd.concat(found, ignore_index=True)
 
     def _keep(self) -> None:

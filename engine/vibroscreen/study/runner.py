@@ -13,7 +13,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ from vibroscreen.study.plan import Study, fingerprint
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["collect", "keep", "run"]
+__all__ = ["collect", "keep", "run", "workers_of"]
 
 CHUNK = 500  # designs of a part
 NOTE = "study.json"
@@ -43,7 +43,8 @@ def run(
     executor: any of `concurrent.futures`, or of a cluster; without one parts are solved here, one
     after the other, on all cores. part: (k, n) solves every nth part from the kth on, for n runs
     that share a folder. progress is called with the designs done and of all of this run. Raises
-    InputError for a folder of another study, one that another run writes into, or one that is full.
+    InputError for a folder of another study, one that another run writes into, or one that is full,
+    and where the workers of the executor are gone.
     """
     k, n = part
     if not 1 <= k <= n:
@@ -59,11 +60,12 @@ def run(
         total = sum(sizes.values())
         if progress is not None:
             progress(done, total)
-        for start, frame in _solved(study, missing, executor):
-            keep(frame, _path(folder, start))
-            done += sizes[start]
-            if progress is not None:
-                progress(done, total)
+        with workers_of(folder):
+            for start, frame in _solved(study, missing, executor):
+                keep(frame, _path(folder, start))
+                done += sizes[start]
+                if progress is not None:
+                    progress(done, total)
 
 
 def collect(study: Study, folder: Path) -> pd.DataFrame:
@@ -113,6 +115,20 @@ def _solved(
     finally:
         for future in futures:
             future.cancel()
+
+
+@contextlib.contextmanager
+def workers_of(folder: Path | None) -> Iterator[None]:
+    """Say clearly that the workers of an executor are gone, and where one can go on."""
+    try:
+        yield
+    except (BrokenExecutor, CancelledError) as error:
+        kept = f": what they solved is in {folder}, it goes on from there" if folder else ""
+        raise InputError(
+            "executor has lost its workers, by an end of their process or of their cluster "
+            f"({type(error).__name__}). Start them and run it again{kept}",
+            "executor",
+        ) from error
 
 
 # --- the folder -----------------------------------------------------------------------------------
