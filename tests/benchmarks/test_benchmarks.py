@@ -11,7 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import circuits, dem_scale, import_time, many, page, replay, step_cost, week
+from tests.benchmarks import (
+    circuits,
+    dem_scale,
+    design,
+    import_time,
+    many,
+    page,
+    replay,
+    step_cost,
+    week,
+)
 from tests.benchmarks import work_precision as bench
 from tests.benchmarks.baseline import (
     PASSED,
@@ -376,6 +386,14 @@ def test_many_circuits_in_short(tmp_path: Path) -> None:
     assert result["worst"] <= 1e-6
     assert (tmp_path / "circuits.json").exists()
     assert (tmp_path / "circuits.png").stat().st_size > 1000
+
+
+def test_a_search_in_short(tmp_path: Path) -> None:
+    found = design.main(population=6, generations=2, repeat=1, output=tmp_path)
+    assert list(found) == list(design.ALGORITHMS)
+    assert all(6 <= told["evaluations"] <= 12 for told in found.values())
+    assert all(told["cpu_s"] > 0.0 < told["optimiser_cpu_s"] for told in found.values())
+    assert (tmp_path / "design.json").exists()
 
 
 def test_a_week_in_short(tmp_path: Path) -> None:

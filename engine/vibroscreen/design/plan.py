@@ -357,13 +357,13 @@ def _circuits(sheet: Flowsheet, values: Mapping[str, Array]) -> pd.DataFrame:
 
 def _in_units(frame: pd.DataFrame) -> pd.DataFrame:
     """Columns in SI, and again in the units that people use; short names beside the long ones."""
-    more: dict[str, Any] = {}
-    for name in frame:
-        text = str(name)
+    columns = {str(name): frame[name].to_numpy() for name in frame}
+    more: dict[str, Array] = {}
+    for name, column in columns.items():
         for ending, (other, factor) in UNITS.items():
-            if text.endswith(ending):
-                more[text.removesuffix(ending) + other] = factor * frame[name]
-        if text.endswith(BED[1]):
-            more[text.replace(BED[1], BED[0])] = frame[name]
-    more |= {short: frame[name] for short, name in SHORT.items() if name in frame}
-    return pd.concat([frame, pd.DataFrame(more, index=frame.index)], axis=1)
+            if name.endswith(ending):
+                more[name.removesuffix(ending) + other] = factor * column
+        if name.endswith(BED[1]):
+            more[name.replace(BED[1], BED[0])] = column
+    more |= {short: columns[name] for short, name in SHORT.items() if name in columns}
+    return pd.DataFrame(columns | more, index=frame.index)

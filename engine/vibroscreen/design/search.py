@@ -26,7 +26,7 @@ __all__ = ["Found", "search"]
 
 Array = NDArray[np.float64]
 
-AGAIN = 20  # candidates that are solved again at once
+AGAIN = 20  # candidates that are solved again at first; twice as many if none of them holds
 PART = 100  # designs that one worker solves at once
 SHARE = "share "  # what columns of shares of the ranges are called where they are kept
 
@@ -222,8 +222,9 @@ def _again(what: Search, shares: Array, ranked: Sequence[int]) -> list[int]:
     One goal: they are ranked again by what they cost there, and the first ones are enough.
     """
     several = len(what.goals) > 1
-    for start in range(0, len(ranked), AGAIN):
-        some = list(ranked) if several else list(ranked[start : start + AGAIN])
+    start, stop = 0, len(ranked) if several else AGAIN
+    while start < len(ranked):
+        some = list(ranked[start:stop])
         frame = what.measured(*what.values(shares[some]), tolerance=SHARP)
         meets = np.asarray((what.missed(frame) <= SLACK).all(axis=1), dtype=bool).ravel()
         if several:
@@ -231,6 +232,7 @@ def _again(what: Search, shares: Array, ranked: Sequence[int]) -> list[int]:
         if meets.any():
             order = np.argsort(np.where(meets, what.costs(frame)[:, 0], np.inf), kind="stable")
             return [some[k] for k in order if meets[k]]
+        start, stop = stop, 3 * stop - 2 * start
     return []
 
 
