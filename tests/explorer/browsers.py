@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import shutil
 import socket
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -103,18 +103,21 @@ def firefox() -> Iterator[Any]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
-        from marionette_driver.marionette import Marionette
+    with tempfile.TemporaryDirectory() as folder:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of how it looks for the system
+            from marionette_driver.marionette import Marionette
 
-        browser = Marionette(
-            bin=path, headless=True, host="127.0.0.1", port=port, gecko_log=os.devnull
-        )
-    try:
-        browser.start_session()
-        browser.timeout.script = 300.0
-        yield browser
-    finally:
-        browser.quit()
-        browser.cleanup()
-        gc.collect()  # sockets that it leaves open are told of here, not in another test
+            # A log of its own: an old one is removed, and os.devnull would be, too.
+            log = str(Path(folder, "log"))
+            browser = Marionette(
+                bin=path, headless=True, host="127.0.0.1", port=port, gecko_log=log
+            )
+        try:
+            browser.start_session()
+            browser.timeout.script = 300.0
+            yield browser
+        finally:
+            browser.quit()
+            browser.cleanup()
+            gc.collect()  # sockets that it leaves open are told of here, not in another test
