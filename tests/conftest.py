@@ -25,7 +25,15 @@ def _own_sub_models_stay_in_their_module() -> Iterator[None]:
 
 
 # Files that take minutes: they start first, so that no core waits for them at the end.
-LONGEST = ("test_native.py", "test_hostile.py", "test_masters.py", "test_page.py")
+LONGEST = (
+    "test_native.py",
+    "test_hostile.py",
+    "test_masters.py",
+    "test_page.py",
+    "test_dem_calibration.py",
+    "test_library.py",
+    "test_benchmarks.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -283,9 +283,9 @@ def two_decks(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def lower(two_decks: Path) -> Iterator[Instance]:
+def lower(two_decks: Path, tmp_path: Path) -> Iterator[Instance]:
     """An instance of the double-deck screen that has started."""
-    place = Path(extract(str(two_decks)))
+    place = Path(extract(str(two_decks), unzipdir=str(tmp_path / "unzipped")))
     instance = Instance(place, read_model_description(str(two_decks)))
     instance.start()
     yield instance
@@ -739,8 +739,8 @@ def test_a_state_of_two_decks_continues_bit_for_bit(lower: Instance) -> None:
     assert go_on() == expected
 
 
-def test_fixed_parameters_of_the_lower_deck(two_decks: Path) -> None:
-    place = Path(extract(str(two_decks)))
+def test_fixed_parameters_of_the_lower_deck(two_decks: Path, tmp_path: Path) -> None:
+    place = Path(extract(str(two_decks), unzipdir=str(tmp_path / "unzipped")))
     instance = Instance(place, read_model_description(str(two_decks)))
     lengths = {
         "deck[1].panel[1].length": 1.0,
@@ -1338,11 +1338,14 @@ def test_many_instances_in_turn(unzipped: Path, description: ModelDescription) -
 
 # --- processes ----------------------------------------------------------------------------------
 STARTED = """
+from pathlib import Path
+from tempfile import mkdtemp
+
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 
 def started(fmu):
-    folder = extract(fmu)
+    folder = extract(fmu, unzipdir=mkdtemp(dir=Path(fmu).parent))
     description = read_model_description(folder)
     slave = FMU2Slave(
         guid=description.guid,

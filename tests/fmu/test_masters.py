@@ -65,13 +65,14 @@ def run_python(arguments: Iterable[str], *first: Path) -> subprocess.CompletedPr
     """A Python of its own that sees our folders, `first` before all others; it must end well."""
     folders = (*first, ROOT, *(ROOT / part for part in ("engine", "fmu_src", "plant_examples")))
     path = os.pathsep.join(map(str, folders))
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": path},
-    )
+    with tempfile.TemporaryDirectory() as left:  # by tools that leave what they unzipped
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHONPATH": path, "TMPDIR": left},
+        )
     assert done.returncode == 0, done.stdout + done.stderr
     return done
 
