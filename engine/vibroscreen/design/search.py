@@ -73,7 +73,7 @@ def search(
     shares = memory.shares()
     costs, missed = what.costs(seen), np.maximum(what.missed(seen), 0.0).sum(axis=1)
     good = np.flatnonzero(missed <= SLACK * (1 + len(what.conditions)))
-    best = _again(what, shares, _ranked(costs, good))
+    best = _again(what, shares, _ranked(costs, good), what.missed(seen))
     if best:
         place = best[0]
         rows = what.measured(*what.values(shares[best]), tolerance=SHARP)
@@ -216,23 +216,28 @@ def _ranked(costs: Array, good: NDArray[np.intp]) -> list[int]:
     return front
 
 
-def _again(what: Search, shares: Array, ranked: Sequence[int]) -> list[int]:
+def _again(what: Search, shares: Array, ranked: Sequence[int], missed: Array) -> list[int]:
     """Of ranked designs those that meet all conditions at a tolerance of 1e-5.
 
-    One goal: they are ranked again by what they cost there, and the first ones are enough.
+    One goal: they are ranked again by what they cost there, and the first ones are enough. What
+    conditions are missed by more at that tolerance, at least, is expected of the others too: those
+    that it would make miss come last. missed[design, condition]: at the tolerance of the search.
     """
     several = len(what.goals) > 1
-    start, stop = 0, len(ranked) if several else AGAIN
-    while start < len(ranked):
-        some = list(ranked[start:stop])
+    left, more = np.array(ranked, dtype=np.intp), np.zeros(missed.shape[1])
+    count = len(left) if several else AGAIN
+    while left.size:
+        likely = (missed[left] + more <= SLACK).all(axis=1)
+        left = np.concatenate([left[likely], left[~likely]])
+        some, left = left[:count], left[count:]
         frame = what.measured(*what.values(shares[some]), tolerance=SHARP)
-        meets = np.asarray((what.missed(frame) <= SLACK).all(axis=1), dtype=bool).ravel()
-        if several:
-            return [design for design, good in zip(some, meets, strict=True) if good]
-        if meets.any():
-            order = np.argsort(np.where(meets, what.costs(frame)[:, 0], np.inf), kind="stable")
-            return [some[k] for k in order if meets[k]]
-        start, stop = stop, 3 * stop - 2 * start
+        sharp = what.missed(frame)
+        good = np.flatnonzero((sharp <= SLACK).all(axis=1))
+        if good.size or several:
+            if not several:
+                good = good[np.argsort(what.costs(frame)[good, 0], kind="stable")]
+            return [int(design) for design in some[good]]
+        more, count = (sharp - missed[some]).min(axis=0), 2 * count
     return []
 
 
