@@ -24,29 +24,20 @@ import numpy as np
 from tests.benchmarks.output import write_json
 from tests.places import ROOT
 from vibroscreen.design import Search, search
+from vibroscreen.design.search import generations
 
 ALGORITHMS = ("pso", "de")
 
 
 def optimiser_alone(what: Search) -> None:
     """The optimiser of a search over a sphere under as many conditions, which all hold."""
-    from pymoo.algorithms.soo.nonconvex.de import DE
-    from pymoo.algorithms.soo.nonconvex.pso import PSO
-    from pymoo.core.problem import Problem
-    from pymoo.optimize import minimize
 
-    class Sphere(Problem):
-        def _evaluate(
-            self, x: np.ndarray, out: dict[str, np.ndarray], *_: object, **__: object
-        ) -> None:
-            out["F"] = ((x - 0.5) ** 2).sum(axis=1, keepdims=True)
-            out["G"] = np.full((len(x), 1 + len(what.conditions)), -1.0)
+    def sphere(shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        costs = ((shares - 0.5) ** 2).sum(axis=1, keepdims=True)
+        return costs, np.full((len(shares), 1 + len(what.conditions)), -1.0)
 
-    count = len(what.variables)
-    problem = Sphere(n_var=count, n_obj=1, n_ieq_constr=1 + len(what.conditions), xl=0.0, xu=1.0)
-    maker = {"pso": PSO, "de": DE}[what.algorithm]
-    algorithm = maker(pop_size=what.population)
-    minimize(problem, algorithm, ("n_gen", what.generations), seed=what.seed)
+    for _ in generations(what, sphere):
+        pass
 
 
 def timed(call: Callable[[], object]) -> tuple[float, float]:

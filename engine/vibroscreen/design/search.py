@@ -8,7 +8,7 @@ conditions there.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ from vibroscreen.design.plan import SHARP, SLACK, Search
 from vibroscreen.study.plan import fingerprint
 from vibroscreen.study.runner import keep, workers_of
 
-__all__ = ["Found", "search"]
+__all__ = ["Found", "generations", "search"]
 
 Array = NDArray[np.float64]
 
@@ -71,9 +71,10 @@ def search(
     history = _optimise(what, memory, progress)
     seen = memory.frame()
     shares = memory.shares()
-    costs, missed = what.costs(seen), np.maximum(what.missed(seen), 0.0).sum(axis=1)
+    by_condition = what.missed(seen)
+    missed = np.maximum(by_condition, 0.0).sum(axis=1)
     good = np.flatnonzero(missed <= SLACK * (1 + len(what.conditions)))
-    best = _again(what, shares, _ranked(costs, good), what.missed(seen))
+    best = _again(what, shares, _ranked(what.costs(seen), good), by_condition)
     if best:
         place = best[0]
         rows = what.measured(*what.values(shares[best]), tolerance=SHARP)
@@ -168,10 +169,12 @@ class _Memory:
         return self._shares[0]
 
 
-def _optimise(
-    what: Search, memory: _Memory, progress: Callable[[int, int], None] | None
-) -> pd.DataFrame:
-    """Let the optimiser run; the best cost and the least miss by generation."""
+def generations(what: Search, evaluate: Callable[[Array], tuple[Array, Array]]) -> Iterator[None]:
+    """Let the optimiser of a search run, a generation at a time.
+
+    evaluate: costs [design, goal] and how far conditions are missed [design, condition] at shares
+    of the ranges [design, variable].
+    """
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.algorithms.soo.nonconvex.de import DE
     from pymoo.algorithms.soo.nonconvex.pso import PSO
@@ -180,8 +183,7 @@ def _optimise(
 
     class Designs(Problem):
         def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
-            frame = memory.results(np.clip(x, 0.0, 1.0))
-            out["F"], out["G"] = what.costs(frame), what.missed(frame)
+            out["F"], out["G"] = evaluate(np.clip(x, 0.0, 1.0))
 
     makers = {"pso": PSO, "de": DE, "nsga2": NSGA2}
     algorithm = makers[what.algorithm](pop_size=what.population)
@@ -190,9 +192,22 @@ def _optimise(
         n_var=count, n_obj=len(what.goals), n_ieq_constr=1 + len(what.conditions), xl=0.0, xu=1.0
     )
     algorithm.setup(problem, termination=get_termination("n_gen", what.generations), seed=what.seed)
-    history = []
     while algorithm.has_next():
         algorithm.next()
+        yield
+
+
+def _optimise(
+    what: Search, memory: _Memory, progress: Callable[[int, int], None] | None
+) -> pd.DataFrame:
+    """Let the optimiser run; the best cost and the least miss by generation."""
+
+    def evaluate(shares: Array) -> tuple[Array, Array]:
+        frame = memory.results(shares)
+        return what.costs(frame), what.missed(frame)
+
+    history = []
+    for _ in generations(what, evaluate):
         frame = memory.frame()
         missed = np.maximum(what.missed(frame), 0.0).sum(axis=1)
         costs = what.costs(frame)[missed <= SLACK, 0]
